@@ -17,7 +17,7 @@ from frenetic import EmbeddedSimulator, Observation, Planner, Road
 from frenetic.drivers.camera import Scene
 from frenetic.plugins.vision import appearance
 from frenetic.plugins.vision.marking_follower import MarkingFollower
-from frenetic.plugins.vision.rendering import Renderer
+from frenetic.plugins.vision.rendering import CameraRenderer
 
 ROAD = Road([0.0, 0.0, 0.03, 0.04, 0.0, -0.04, -0.05, -0.03, 0.0, 0.03, 0.05, 0.05, 0.0, 0.0])
 PICTURES = 40
@@ -42,7 +42,7 @@ def main() -> None:
     driver = MarkingFollower()
     places = [ROAD.pose_at(s) for s in np.linspace(0.0, ROAD.length - 10.0, PICTURES)]
 
-    def drawing(renderer: Renderer) -> Callable[[], object]:
+    def drawing(renderer: CameraRenderer) -> Callable[[], object]:
         return lambda: [renderer.draw(*place) for place in places]
 
     with EmbeddedSimulator() as simulator:
@@ -51,16 +51,17 @@ def main() -> None:
     camera = driver.camera
     print(f"\na picture of {camera.width} x {camera.height} pixels")
     for name, scene in (("usual", Scene()), ("worn", Scene(seed=3, wear=0.5))):
-        cost = least(drawing(Renderer(ROAD, camera, scene)), 1) / PICTURES
+        cost = least(drawing(CameraRenderer(ROAD, camera, scene)), 1) / PICTURES
         print(f"  {name:<12} {cost:.3f} ms")
-    print(f"\nthe road's table for one drive  {least(lambda: Renderer(ROAD, camera), 5):.3f} ms")
+    laying = least(lambda: CameraRenderer(ROAD, camera), 5)
+    print(f"\nthe road's table for one drive  {laying:.3f} ms")
     print("\na layer over the driver")
-    image = Renderer(ROAD, camera).draw(*places[5])
+    image = CameraRenderer(ROAD, camera).draw(*places[5])
     nothing = np.empty((0, 2))
     moment = Observation(1.0, 15.0, 0.3, 0.0, 0.0, 0.0, nothing, np.empty(0), 0.0, image)
     for name, amount in AMOUNTS.items():
         layer = appearance.ALL[name](driver, amount)
-        cost = least(lambda one=layer: one.seen(image, moment), 10)  # type: ignore[misc]
+        cost = least(lambda layer=layer: layer.alter(image, moment), 10)  # type: ignore[misc]
         print(f"  {name:<12} {cost:.3f} ms")
     with EmbeddedSimulator() as simulator:
         steps = len(simulator.drive(ROAD, driver).trajectory)

@@ -47,10 +47,10 @@ def class_of(name: str) -> RoadClass | None:
 
 
 def random_roads(name: str, number: int, seed: int = 1) -> list[Road]:
-    found = class_of(name)
-    strategy = RandomSearch(seed=seed, road_class=found)
-    width = 4.0 if found is None else found.lane_width
-    return [strategy.ask().road(width, road_class=found) for _ in range(number)]
+    road_class = class_of(name)
+    strategy = RandomSearch(seed=seed, road_class=road_class)
+    width = 4.0 if road_class is None else road_class.lane_width
+    return [strategy.ask().road(width, road_class=road_class) for _ in range(number)]
 
 
 def with_criteria(drive: Drive, profile: Profile) -> Drive:
@@ -60,8 +60,8 @@ def with_criteria(drive: Drive, profile: Profile) -> Drive:
 def drivers(roads: int) -> None:
     """Share of random roads that each driver passes by each profile."""
     for name in ("competition", "rural-80", "motorway-130"):
-        found = class_of(name)
-        rules = Rules() if found is None else Rules(speed_limit=found.speed_limit)
+        road_class = class_of(name)
+        rules = Rules() if road_class is None else Rules(speed_limit=road_class.speed_limit)
         simulator = EmbeddedSimulator(rules=rules)
         driven = random_roads(name, roads)
         print(f"| roads: {name} | {' | '.join(profiles())} |")
@@ -70,19 +70,19 @@ def drivers(roads: int) -> None:
             drives = [simulator.drive(road, driver) for road in driven]
             shares = []
             for profile in profiles().values():
-                kept = (
+                passed = (
                     judge(road, with_criteria(drive, profile)).outcome is Outcome.PASS
                     for road, drive in zip(driven, drives, strict=True)
                 )
-                shares.append(f"{sum(kept) / roads:.0%}")
+                shares.append(f"{sum(passed) / roads:.0%}")
             print(f"| {who} | {' | '.join(shares)} |")
         print()
 
 
 def worst_of(strategy: Strategy, objective: str, name: str, simulations: int) -> float:
     """The worst value that a search found; lower is worse."""
-    found = class_of(name)
-    rules = Rules() if found is None else Rules(speed_limit=found.speed_limit)
+    road_class = class_of(name)
+    rules = Rules() if road_class is None else Rules(speed_limit=road_class.speed_limit)
     measure = Objective.load(objective)
     values: list[float] = []
     sign = -1.0 if measure.higher_is_worse else 1.0
@@ -112,18 +112,18 @@ def search(simulations: int) -> None:
     print("| --- | --- | ---: | ---: | ---: |")
     for name in ("competition", "rural-80"):
         for objective in OBJECTIVES:
-            found: dict[str, list[float]] = {}
+            values_of: dict[str, list[float]] = {}
             for kind in (Frenetic, RandomSearch):
-                found[kind.__name__] = [
+                values_of[kind.__name__] = [
                     worst_of(
                         kind(seed=seed, road_class=class_of(name)), objective, name, simulations
                     )
                     for seed in SEEDS
                 ]
-            ours, theirs = found.values()
+            first, second = values_of.values()
             higher = Objective.load(objective).higher_is_worse
-            medians = [abs(np.median(v)) if higher else np.median(v) for v in (ours, theirs)]
-            effect = a12([-value for value in ours], [-value for value in theirs])
+            medians = [abs(np.median(v)) if higher else np.median(v) for v in (first, second)]
+            effect = a12([-value for value in first], [-value for value in second])
             print(f"| {name} | {objective} | {medians[0]:.2f} | {medians[1]:.2f} | {effect:.2f} |")
 
 
@@ -147,36 +147,38 @@ def again(road: Road, drive: Drive, profile: Profile, rooms: list[float]) -> set
     across = [v * w + a for v, w, a in zip(speed, yaw, slope(aside), strict=True)]
     along = [a - v * w for a, v, w in zip(slope(speed), aside, yaw, strict=True)]
     broke = set()
-    for one in profile.criteria:
-        k = round(one.window / dt)
+    for criterion in profile.criteria:
+        k = round(criterion.window / dt)
         values: list[float] = []
-        if one.quantity == "lateral_acceleration":
+        if criterion.quantity == "lateral_acceleration":
             values = [abs(a) for a in across]
-        elif one.quantity == "lateral_jerk":
-            values = [abs(b - a) / one.window for a, b in zip(across, across[k:], strict=False)]
-        elif one.quantity == "deceleration":
+        elif criterion.quantity == "lateral_jerk":
+            values = [
+                abs(b - a) / criterion.window for a, b in zip(across, across[k:], strict=False)
+            ]
+        elif criterion.quantity == "deceleration":
             values = [-a for a in along]
-        elif one.quantity == "speed_excess":
+        elif criterion.quantity == "speed_excess":
             values = [3.6 * v - drive.rules.speed_limit for v in speed]
-        elif one.quantity == "sway":
+        elif criterion.quantity == "sway":
             offsets = assess(road, drive).lateral_offset.tolist()
             values = [
                 max(offsets[max(0, i - k) : i + 1]) - min(offsets[max(0, i - k) : i + 1])
                 for i in range(n)
             ]
-        elif one.quantity == "edge_distance":
+        elif criterion.quantity == "edge_distance":
             values = [-room for room in rooms]
         else:
-            raise AssertionError(one.quantity)
-        limit = -one.limit if quantity(one.quantity).is_least else one.limit
+            raise AssertionError(criterion.quantity)
+        limit = -criterion.limit if quantity(criterion.quantity).is_least else criterion.limit
         if values and max(values) > limit:
-            broke.add(one.quantity)
+            broke.add(criterion.quantity)
     return broke
 
 
 def _rooms(road: Road, drive: Drive) -> list[float]:
     """Distances of the car's outline from the edges of its lane, by shapely; negative outside."""
-    path, car, seen = drive.trajectory, drive.car, assess(road, drive)
+    path, car, assessment = drive.trajectory, drive.car, assess(road, drive)
     ends = [(np.cos(h), np.sin(h)) for h in (road.pose[2], road.pose_at(road.length)[2])]
     ahead = np.arange(1, 200)[:, None] * SPACING
     edges = []
@@ -186,8 +188,8 @@ def _rooms(road: Road, drive: Drive) -> list[float]:
         before, after = line[0] - ahead[::-1] * ends[0], line[-1] + ahead * ends[1]
         edges.append(np.vstack([before, line, after]))
     corners = [(1, 1), (1, -1), (-1, -1), (-1, 1)]
-    found = []
-    for i, place in enumerate(seen.distance):
+    rooms = []
+    for i, place in enumerate(assessment.distance):
         cos, sin = np.cos(path.heading[i]), np.sin(path.heading[i])
         outline = [
             (0.5 * a * car.length + car.centre_ahead, 0.5 * b * car.width) for a, b in corners
@@ -200,13 +202,13 @@ def _rooms(road: Road, drive: Drive) -> list[float]:
         sides = [LineString(edge[near]) for edge in edges]
         lane = Polygon(np.vstack([edges[0][near], edges[1][near][::-1]]))
         if lane.contains(box):
-            found.append(min(side.distance(box) for side in sides))
+            rooms.append(min(side.distance(box) for side in sides))
             continue
         # A straight side may be furthest out between its ends, inside a bend.
         outline_points = segmentize(box, 0.02).exterior.coords
         points = [p for p in map(Point, outline_points) if not lane.covers(p)]
-        found.append(-max((min(s.distance(p) for s in sides) for p in points), default=0.0))
-    return found
+        rooms.append(-max((min(s.distance(p) for s in sides) for p in points), default=0.0))
+    return rooms
 
 
 def agreement(number: int) -> None:
@@ -214,8 +216,8 @@ def agreement(number: int) -> None:
     counts: Counter[str] = Counter()
     per = number // (2 * len(DRIVERS))
     for name in ("competition", "rural-80"):
-        found = class_of(name)
-        rules = Rules() if found is None else Rules(speed_limit=found.speed_limit)
+        road_class = class_of(name)
+        rules = Rules() if road_class is None else Rules(speed_limit=road_class.speed_limit)
         simulator = EmbeddedSimulator(rules=rules)
         for k, driver in enumerate(DRIVERS.values()):
             for road in random_roads(name, per, seed=k):
@@ -224,24 +226,26 @@ def agreement(number: int) -> None:
                 counts["drives"] += 1
                 for profile in profiles().values():
                     judged = with_criteria(drive, profile)
-                    names = {one.criterion for one in judge(road, judged).findings} - {"lane"}
+                    names = {finding.criterion for finding in judge(road, judged).findings} - {
+                        "lane"
+                    }
                     counts["verdicts"] += 1
                     counts["broken"] += bool(names)
                     if names != (other := again(road, judged, profile, rooms)):
                         counts["disagreements"] += 1
                         print(name, profile.name, names ^ other)
-    told = ("drives", "verdicts", "broken", "disagreements")
-    print(", ".join(f"{counts[what]} {what}" for what in told))
+    columns = ("drives", "verdicts", "broken", "disagreements")
+    print(", ".join(f"{counts[column]} {column}" for column in columns))
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("what", choices=("drivers", "search", "agreement"))
     parser.add_argument("--number", type=int, help="of roads, simulations or drives")
-    given = parser.parse_args()
+    arguments = parser.parse_args()
     usual = {"drivers": (drivers, 100), "search": (search, 200), "agreement": (agreement, 1000)}
-    act, number = usual[given.what]
-    act(given.number or number)
+    act, number = usual[arguments.what]
+    act(arguments.number or number)
 
 
 if __name__ == "__main__":

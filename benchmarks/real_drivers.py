@@ -46,7 +46,7 @@ from frenetic.road.classes import RoadClass, classes
 from frenetic.search.random_search import RandomSearch
 
 STEADY: dict[str, Any] = {"lateral": 100.0}
-"""Options with which a driver of the shelf does not slow down for bends."""
+"""Options with which a third-party driver does not slow down for bends."""
 DRIVERS_OF: dict[str, tuple[str, dict[str, Any], type | None, str]] = {
     "planner": ("planner", {"lateral_acceleration": 100.0}, None, "frenetic"),
     "stanley": ("stanley", {"lateral_acceleration": 100.0}, None, "frenetic"),
@@ -129,9 +129,9 @@ class Seen:
 def class_of(name: str, length: float) -> RoadClass:
     """The class without slopes and widening, which not every car here knows."""
     flat = {"max_grade": 0.0, "max_superelevation": 0.0, "widening": 0.0, "length": length}
-    given = RoadClass.of(name)
+    standard = RoadClass.of(name)
     # A flat road of the guidelines' least radius, which follows from the lean.
-    return RoadClass.of(name, {**flat, "min_radius": given.min_radius})
+    return RoadClass.of(name, {**flat, "min_radius": standard.min_radius})
 
 
 @cache
@@ -139,13 +139,13 @@ def roads_of(
     name: str, seed: int, length: float, drawn: int, searched: int, simulations: int
 ) -> list[tuple[list[float], float, float]]:
     """Curvatures, step and lane width of random roads and of those that a search finds worst."""
-    found = class_of(name, length)
-    strategy = RandomSearch(seed=seed, road_class=found)
-    kept = [strategy.ask() for _ in range(drawn)]
+    road_class = class_of(name, length)
+    strategy = RandomSearch(seed=seed, road_class=road_class)
+    candidates = [strategy.ask() for _ in range(drawn)]
     with TemporaryDirectory() as folder:
-        speed = 1.3 * found.design_speed
+        speed = 1.3 * road_class.design_speed
         Campaign(
-            strategy=Frenetic(seed=seed, road_class=found),
+            strategy=Frenetic(seed=seed, road_class=road_class),
             simulator=EmbeddedSimulator(rules=Rules(speed_limit=speed), vehicle=ENGINE),
             driver=Stanley(lateral_acceleration=100.0),
             budget=Budget(simulations=simulations),
@@ -159,8 +159,10 @@ def roads_of(
                 if test.moobd is not None
                 and len(test.candidate.curvatures) * test.candidate.step > 0.6 * length
             ]
-    kept += [t.candidate for t in sorted(tests, key=lambda t: (t.moobd, t.id))[:searched]]
-    return [([*one.curvatures], one.step, found.lane_width) for one in kept]
+    candidates += [t.candidate for t in sorted(tests, key=lambda t: (t.moobd, t.id))[:searched]]
+    return [
+        ([*candidate.curvatures], candidate.step, road_class.lane_width) for candidate in candidates
+    ]
 
 
 def with_run_up(road: tuple[list[float], float, float], speed: float) -> Road:
@@ -179,11 +181,11 @@ def simulator_of(task: Task, rules: Rules) -> Any:
         simulator = CommonRoadSimulator(rules=rules, wall_limit=PATIENCE)
         simulator.steering_lag = task.lag
         return simulator
-    own = DRIVERS_OF[task.driver][2]
-    assert own is not None
-    made = own(rules=rules, steering_lag=task.lag)
-    made.wall_limit = PATIENCE
-    return made
+    simulator_class = DRIVERS_OF[task.driver][2]
+    assert simulator_class is not None
+    simulator = simulator_class(rules=rules, steering_lag=task.lag)
+    simulator.wall_limit = PATIENCE
+    return simulator
 
 
 def drive(task: Task, road: Road, rules: Rules) -> Seen:
@@ -211,7 +213,7 @@ def drive(task: Task, road: Road, rules: Rules) -> Seen:
 
 def ladder(design_speed: float) -> list[float]:
     """The speeds of a class, in km/h."""
-    return [one * design_speed for one in LADDER if one * design_speed <= FASTEST]
+    return [factor * design_speed for factor in LADDER if factor * design_speed <= FASTEST]
 
 
 def first(fails: Callable[[int], bool], low: int, high: int) -> int:
@@ -265,8 +267,8 @@ def assess(task: Task, length: float, drawn: int, searched: int, simulations: in
 
 def middle(speeds: list[float | None], top: float) -> str:
     """The median speed; above the ladder's top it is not known."""
-    found = statistics.median(2.0 * top if one is None else one for one in speeds)
-    return f"> {top:.0f}" if found > top else f"{found:.0f}"
+    median = statistics.median(2.0 * top if speed is None else speed for speed in speeds)
+    return f"> {top:.0f}" if median > top else f"{median:.0f}"
 
 
 def table(title: str, head: list[str], rows: list[list[str]]) -> str:

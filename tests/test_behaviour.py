@@ -30,7 +30,7 @@ from frenetic.parts.registry import DRIVERS, SIMULATORS, STRATEGIES
 from frenetic.parts.versions import version_of
 from frenetic.plugins.vision import appearance
 from frenetic.plugins.vision.marking_follower import MarkingFollower
-from frenetic.plugins.vision.rendering import Renderer
+from frenetic.plugins.vision.rendering import CameraRenderer
 from frenetic.road import Road
 from frenetic.search import Candidate, Strategy
 from frenetic.simulators import EmbeddedSimulator, Rules
@@ -115,7 +115,7 @@ def of_picture(driver: Any) -> list[float]:
     seen: list[Any] = []
     driver.driver.act = lambda observation: seen.append(observation.image)
     one = roads()[0]
-    image = Renderer(one, driver.driver.camera, scene_of(driver)).draw(*one.pose)
+    image = CameraRenderer(one, driver.driver.camera, scene_of(driver)).draw(*one.pose)
     driver.act(
         Observation(1.0, 15.0, 0.2, 0.0, 0.0, 0.0, np.empty((0, 2)), np.empty(0), 0.0, image)
     )

@@ -25,7 +25,7 @@ from frenetic.errors import FreneticError
 from frenetic.export import ExportedRoad, format_of, write_road
 from frenetic.plugins.bench import Bench, Entrant, RunTerms, open_bench
 from frenetic.plugins.twin.calibration import read_recordings
-from frenetic.plugins.twin.profile import Profile
+from frenetic.plugins.twin.profile import TwinProfile
 from frenetic.report import draw_road
 from frenetic.rerun.junit import write_junit
 from frenetic.rerun.rerun import rerun
@@ -57,10 +57,10 @@ def test_texts_are_paths(tmp_path: Path) -> None:
     write_road(ExportedRoad(ROAD, "road"), format_of(road).name, road)
     assert list(find_roads([road]).roads) == [road]
     draw_road(ROAD, str(tmp_path / "road.png"))
-    Profile.of("twin", Spec(driver="stanley", simulator="embedded")).write(
+    TwinProfile.of("twin", Spec(driver="stanley", simulator="embedded")).write(
         str(tmp_path / "twin.json")
     )
-    assert Profile.read(str(tmp_path / "twin.json")).name == "twin"
+    assert TwinProfile.read(str(tmp_path / "twin.json")).name == "twin"
 
 
 def campaign_from(earlier: Any) -> Campaign:

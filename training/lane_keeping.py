@@ -45,7 +45,7 @@ from torch import nn
 from frenetic import Budget, Campaign, EmbeddedSimulator, Frenetic, Road
 from frenetic.analysis import measure_campaign
 from frenetic.plugins.gym import LaneKeepingVectorEnv
-from frenetic.plugins.gym.environment import given_roads
+from frenetic.plugins.gym.environment import roads_of
 from frenetic.plugins.vision.neural import METADATA, Network
 from frenetic.plugins.vision.policy import VECTOR_SIZE
 
@@ -275,7 +275,7 @@ def main() -> None:
                 search(Network(str(path)), 100 * seed + i, given.simulations, Path(folder) / str(i))
                 for i in range(SEARCHES)
             ]
-            failing = given_roads(broken)
+            failing = roads_of(broken)
         print(f"      {len(failing)} failing roads to train on")
         trained = {name: value.clone() for name, value in model.policy.state_dict().items()}
         for name, roads in (("more", None), ("retrained", failing)):

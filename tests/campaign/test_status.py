@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shlex
 from collections.abc import Callable
 from pathlib import Path
 
@@ -11,10 +12,12 @@ from campaigns import refused
 from events import on_test
 from paced import campaign, paced
 
+from frenetic.campaign.configuration import OWNER, Owner, owner_of
 from frenetic.campaign.database import DATABASE
 from frenetic.campaign.log import LOG, CampaignLog, LogEvent
 from frenetic.campaign.status import MOST_NEWS, TAIL, CampaignState, Status, look
 from frenetic.campaign.store import LOCK
+from frenetic.errors import CampaignError
 from frenetic.road import Road
 
 
@@ -151,3 +154,21 @@ def test_a_damaged_database_is_one_line(finished: Path) -> None:
     (finished / DATABASE).write_bytes(b"no database at all" * 500)
     with refused():
         look(finished)
+
+
+def test_an_owner_says_which_command_goes_on_wherever_its_folder_is(tmp_path: Path) -> None:
+    owner = Owner(
+        summary="is a run of a bench",
+        advice="resume the bench",
+        resume=("bench", "--resume", "--out"),
+        levels_up=2,
+    )
+    assert owner.command(tmp_path / "wiggly" / "01") == shlex.join(
+        ["frenetic", "bench", "--resume", "--out", str(tmp_path)]
+    )
+    assert Owner(summary="", advice="ask its owner").command(tmp_path) == "ask its owner"
+    stored = json.loads(json.dumps(owner.entry()))
+    assert owner_of(stored) == owner
+    assert owner_of({}) is None
+    with pytest.raises(CampaignError, match="its owner"):
+        owner_of({OWNER: {"summary": 3}})

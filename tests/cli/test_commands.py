@@ -175,7 +175,7 @@ MISTAKES: Final = [
     ("drive straight.json 1", "straight.json is not a folder"),
 ]
 NAMES: Final = cli.list_commands(click.Context(cli))
-"""All commands, guests' too."""
+"""All commands, plug-ins' too."""
 
 
 @pytest.fixture(scope="module")

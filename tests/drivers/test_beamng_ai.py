@@ -15,7 +15,7 @@ from frenetic.drivers import BeamngAi, Planner
 from frenetic.drivers.wrappers import Noisy, compiled_form
 from frenetic.oracle.drive import Drive, Rules
 from frenetic.oracle.verdict import assess
-from frenetic.plugins.twin.model import Model
+from frenetic.plugins.twin.model import TwinModel
 from frenetic.road import Road
 from frenetic.search import RandomSearch
 from frenetic.simulators.embedded import EmbeddedSimulator, Vehicle
@@ -81,10 +81,10 @@ def test_in_a_process_of_its_own_it_has_its_car() -> None:
 
 
 def test_a_twin_of_it_begins_with_its_car() -> None:
-    model = Model.of("beamng-ai", ["aiming_point"], vehicle={"mass": 1600.0})
+    model = TwinModel.of("beamng-ai", ["aiming_point"], vehicle={"mass": 1600.0})
     _, simulator = model.make({}, Rules())
     assert simulator.vehicle == replace(Vehicle.named("etk800"), mass=1600.0)
-    chosen = Model.of("beamng-ai", ["aiming_point"], vehicle={"name": "default"})
+    chosen = TwinModel.of("beamng-ai", ["aiming_point"], vehicle={"name": "default"})
     assert chosen.make({}, Rules())[1].vehicle == Vehicle()
 
 

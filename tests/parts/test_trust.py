@@ -23,7 +23,7 @@ from frenetic.campaign import CampaignStore
 from frenetic.errors import FreneticError
 from frenetic.parts import trust
 from frenetic.parts.trust import CodeClaim
-from frenetic.plugins.twin.profile import Profile
+from frenetic.plugins.twin.profile import TwinProfile
 from frenetic.spec import Spec
 
 if TYPE_CHECKING:
@@ -527,17 +527,19 @@ def test_a_profile_is_signed_and_loaded_from_its_folder_only(
     tmp_path: Path, user: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     with chdir(user):
-        profile = Profile.of("twin", Spec(driver="mine.py:Mine"))
+        profile = TwinProfile.of("twin", Spec(driver="mine.py:Mine"))
     profile.write(tmp_path / "twin.json")
     monkeypatch.chdir(tmp_path)
-    read = Profile.read("twin.json")
+    read = TwinProfile.read("twin.json")
     assert read.spec().driver == f"{user}/mine.py:Mine"
     signed = {**read.driven, "driver": "mine.py:run"}
     with pytest.raises(
         FreneticError, match=f"not trusted: if you do, go to where it was as that says, {user}, and"
     ):
-        Profile(name="twin", driven=signed).spec()
-    assert Profile(name="twin", driven={**read.driven, "signed": None}).digest() == read.digest()
+        TwinProfile(name="twin", driven=signed).spec()
+    assert (
+        TwinProfile(name="twin", driven={**read.driven, "signed": None}).digest() == read.digest()
+    )
 
 
 @pytest.fixture

@@ -1,4 +1,4 @@
-"""The core without its guests, and a stranger's package beside it."""
+"""The core without its plug-ins, and a stranger's package beside it."""
 
 from __future__ import annotations
 
@@ -11,7 +11,10 @@ from pathlib import Path
 
 import pytest
 
-GUESTS = ("beamng", "bench", "commonroad", "metadrive", "shelf", "twin", "vision")
+PLUGINS = (
+    *("beamng", "bench", "commonroad", "competition", "dask", "gym", "metadrive"),
+    *("third_party", "twin", "vision"),
+)
 STRANGER = Path(__file__).parents[1] / "stranger"
 
 WITHOUT = """
@@ -19,15 +22,15 @@ import sys
 
 class Gone:
     def find_spec(self, name, path=None, target=None):
-        if f"{{name}}.".startswith(tuple(f"{{guest}}." for guest in {gone!r})):
+        if f"{{name}}.".startswith(tuple(f"{{plugin}}." for plugin in {gone!r})):
             raise ModuleNotFoundError(f"No module named {{name!r}}", name=name)
 
 sys.meta_path.insert(0, Gone())
 from frenetic._support import entry_points
-found = entry_points._installed
+installed = entry_points._installed
 
 def others(*key):
-    return tuple(entry for entry in found(*key) if not entry.target.startswith({gone!r}))
+    return tuple(entry for entry in installed(*key) if not entry.target.startswith({gone!r}))
 
 entry_points._installed = others
 from frenetic.cli import main
@@ -48,15 +51,18 @@ LINES = (
 )
 
 
-@pytest.mark.parametrize("gone", [GUESTS, *((guest,) for guest in GUESTS)], ids="-".join)
-def test_the_core_works_without_a_guest(gone: tuple[str, ...], tmp_path: Path) -> None:
+@pytest.mark.parametrize("gone", [PLUGINS, *((plugin,) for plugin in PLUGINS)], ids="-".join)
+def test_the_core_works_without_a_plug_in(gone: tuple[str, ...], tmp_path: Path) -> None:
     """With all of them away it drives; each alone is missed by nothing that is imported."""
-    names, lines = tuple(f"frenetic.{one}" for one in gone), LINES if gone is GUESTS else HELP
+    names, lines = (
+        tuple(f"frenetic.plugins.{name}" for name in gone),
+        LINES if gone is PLUGINS else HELP,
+    )
     code = WITHOUT.format(gone=names, lines=lines)
     command = [sys.executable, "-c", code]
     done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
-    assert (tmp_path / "first" / "report.html").is_file() is (gone is GUESTS)
+    assert (tmp_path / "first" / "report.html").is_file() is (gone is PLUGINS)
 
 
 def wheel_of(package: Path, folder: Path) -> Path:

@@ -37,7 +37,11 @@ _PAUSE: Final = 0.002  # [s] between two looks at a lock; ours
 _Kernel = TypeVar("_Kernel", bound=Callable[..., Any])
 
 
-def njit(*, error_model: Literal["python", "numpy"] = "python") -> Callable[[_Kernel], _Kernel]:
+def njit(
+    *,
+    error_model: Literal["python", "numpy"] = "python",
+    inline: Literal["never", "always"] = "never",
+) -> Callable[[_Kernel], _Kernel]:
     """Return Numba's decorator ``njit``, with its cache on disk.
 
     Kernels are called from Python and by each other, never as C functions: that entry takes its
@@ -45,7 +49,9 @@ def njit(*, error_model: Literal["python", "numpy"] = "python") -> Callable[[_Ke
     """
 
     def compile_lazily(kernel: _Kernel) -> _Kernel:
-        dispatcher = numba.njit(error_model=error_model, cache=True, no_cfunc_wrapper=True)(kernel)
+        dispatcher = numba.njit(
+            error_model=error_model, inline=inline, cache=True, no_cfunc_wrapper=True
+        )(kernel)
         if is_jitted(dispatcher):
             compile_now = dispatcher.compile
 

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
+from pathlib import Path
 from typing import Any, Final
 
-from msgspec import Struct, ValidationError, convert, defstruct
+from msgspec import Struct, ValidationError, convert, defstruct, to_builtins
 
 from frenetic._support.bounds import Count
+from frenetic._support.json_value import JSONValue
 from frenetic._support.words import counted
 from frenetic.errors import CampaignError, FreneticError
 from frenetic.spec import Budget, Spec
@@ -16,6 +19,47 @@ from frenetic.spec.terms import Setting
 
 SPEC: Final = "spec"
 """Entry with the spec of named parts; a campaign of objects from Python has none."""
+OWNER: Final = "owner"
+"""Entry with the `Owner` of a campaign that another command than a search drives."""
+
+
+class Owner(Struct, frozen=True, kw_only=True):
+    """The command that owns a campaign, such as a bench: it alone goes on with the campaign."""
+
+    summary: str
+    """What the campaign is, after its folder's name: "does not search"."""
+    advice: str
+    """How to go on with the campaign, for people."""
+    resume: tuple[str, ...] = ()
+    """Words after `frenetic` that go on, before the owner's folder; empty where none are known."""
+    levels_up: int = 0
+    """Number of folders from the campaign's up to the owner's."""
+    time_budget: float | None = None
+    """Time that the owner grants, in s of its own clock, where it is not the campaign's budget."""
+
+    def entry(self) -> dict[str, JSONValue]:
+        """Return the entry of the campaign's configuration."""
+        owner: JSONValue = to_builtins(self)
+        return {OWNER: owner}
+
+    def command(self, folder: Path) -> str:
+        """Return the command that goes on with the campaign in a folder, or else the advice."""
+        if not self.resume:
+            return self.advice
+        place = [folder, *folder.parents][self.levels_up]
+        return shlex.join(["frenetic", *self.resume, str(place)])
+
+
+def owner_of(config: Mapping[str, Any]) -> Owner | None:
+    """Return the owner of a campaign; None if it belongs to nobody, such as a search.
+
+    Raises:
+        CampaignError: the entry is no owner.
+    """
+    try:
+        return convert(config.get(OWNER), Owner | None)
+    except ValidationError as error:
+        raise CampaignError(f"the campaign is damaged: its owner: {error}") from None
 
 
 @dataclass(frozen=True)
@@ -65,6 +109,7 @@ _ENTRIES: Final[list[Any]] = [
     ("versions", dict[str, str]),
     ("behaviours", dict[str, str], {}),
     (SPEC, Spec | None, None),
+    (OWNER, Owner | None, None),
 ]
 _Configuration: Any = defstruct("Configuration", _ENTRIES, kw_only=True)
 

@@ -16,7 +16,13 @@ from msgspec import Struct, structs, to_builtins
 
 from frenetic._support.outside_text import read_json
 from frenetic._support.words import printable
-from frenetic.campaign.configuration import SPEC, decode_budget, driving_spec, recorded_spec
+from frenetic.campaign.configuration import (
+    SPEC,
+    decode_budget,
+    driving_spec,
+    owner_of,
+    recorded_spec,
+)
 from frenetic.campaign.database import DATABASE
 from frenetic.campaign.lock import holder, last_host
 from frenetic.campaign.log import LOG, LogEvent
@@ -167,10 +173,8 @@ def going_on(store: CampaignStore) -> str:
     Its budget is stored, so the command says none.
     """
     config, folder = store.config, store.folder
-    if "entrant" in config:
-        return shlex.join(["frenetic", "bench", "--resume", "--out", str(folder.parent.parent)])
-    if "rerun" in config:
-        return "the command that began it: 'frenetic rerun', 'minimise' or 'compare'"
+    if owner := owner_of(config):
+        return owner.command(folder)
     if is_told(config):
         return shlex.join(["frenetic", "ask-tell", "--out", str(folder)])
     if config.get(SPEC) is None:

@@ -58,7 +58,7 @@ COMMANDS: Final = {
 
 
 def _commands() -> dict[str, str]:
-    """Name -> ``module:function`` of our commands, and of guests' and other packages'."""
+    """Name -> ``module:function`` of our commands, and of plug-ins' and other packages'."""
     theirs = {entry.name: entry.target for entry in installed("frenetic.commands")}
     return theirs | {name: f"{__name__}.{target}" for name, target in COMMANDS.items()}
 

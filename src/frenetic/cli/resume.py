@@ -58,7 +58,7 @@ def resume(
     --simulator, which holds for this time.
     """
     from frenetic.campaign import CampaignStore
-    from frenetic.campaign.configuration import SPEC, decode_budget
+    from frenetic.campaign.configuration import SPEC, decode_budget, owner_of
     from frenetic.campaign.status import has_judged, is_told, next_campaign
     from frenetic.parts.versions import edited_files
     from frenetic.report import results
@@ -67,16 +67,8 @@ def resume(
         config, facts, counts = store.config, store.facts, store.counts()
         spent, has_drives = store.elapsed(), has_judged(store)
         source = None if config.get(SPEC) is None else campaign_source(store)
-    if "entrant" in config:
-        raise click.UsageError(
-            f"{campaign} is a run of a bench, which keeps its budget: what a bench lacks is run by"
-            " 'frenetic bench --resume --out BENCH'"
-        )
-    if "rerun" in config:
-        raise click.UsageError(
-            f"{campaign} does not search: the command that began it, 'frenetic rerun', 'minimise',"
-            " 'compare' or 'estimate', goes on with it"
-        )
+    if owner := owner_of(config):
+        raise click.UsageError(f"{campaign} {owner.summary}: {owner.advice}")
     if is_told(config):
         raise click.UsageError(
             f"{campaign} is told its results: 'frenetic ask-tell --out {shell(campaign)}' goes on"

@@ -289,12 +289,12 @@ def _budget(store: CampaignStore) -> str:
 
 def _going_on(store: CampaignStore) -> str:
     """The command that goes on with a campaign, or writes its report; empty if it is finished."""
-    from frenetic.campaign.configuration import SPEC
+    from frenetic.campaign.configuration import OWNER, SPEC
     from frenetic.campaign.status import Status, look
     from frenetic.cli.search import is_finished
 
     state, config = look(store.folder), store.config
-    is_search = config.get(SPEC) is not None and not config.keys() & {"rerun", "entrant"}
+    is_search = config.get(SPEC) is not None and config.get(OWNER) is None
     has_report = is_finished(store.folder, store.facts)
     if state.status is Status.FINISHED and is_search and not has_report:
         return f"frenetic resume {shell(store.folder)}"

@@ -20,6 +20,7 @@ from frenetic._support.arrays import FloatArray
 from frenetic._support.words import text_cell
 from frenetic.analysis.official_segment import failure_segment
 from frenetic.analysis.sparseness import MOST_COMPARED, largest_distances
+from frenetic.campaign.configuration import owner_of
 from frenetic.campaign.record import Test
 from frenetic.campaign.store import CampaignStore
 from frenetic.errors import RoadError
@@ -271,12 +272,13 @@ def _experiment(store: CampaignStore) -> dict[str, object]:
     config = store.config
     rules = _mapping(config.get("rules"))
     module, _, name = str(_mapping(config.get("strategy")).get("class", "")).rpartition(":")
-    # In a bench, time is virtual.
-    in_bench = _mapping(_mapping(config.get("entrant")).get("budget"))
-    budget = in_bench or _mapping(store.facts.get("budget", config.get("budget")))
+    owner = owner_of(config)
+    time_budget = _mapping(store.facts.get("budget", config.get("budget"))).get("time")
+    if owner is not None and owner.time_budget is not None:
+        time_budget = owner.time_budget
     return {
         "executor": str(_mapping(config.get("simulator")).get("class", "")).rpartition(":")[2],
-        "time_budget": budget.get("time"),
+        "time_budget": time_budget,
         "map_size": config.get("map_size"),
         "oob_tolerance": rules.get("oob_tolerance"),
         "speed_limit": rules.get("speed_limit"),

@@ -1,8 +1,8 @@
 """Frenetic as a plug-in of the official SBST/SBFT pipeline: its test generators.
 
-``competition.py --module-name frenetic.plugins.competition --class-name Frenetic`` runs one. It is
-a client of ``frenetic ask-tell``, which searches in a process of its own. So this file, or a copy
-of it under another name, needs Python 3.9 and the standard library alone.
+``competition.py --module-name frenetic.plugins.competition --class-name FreneticGenerator`` runs
+one. It is a client of ``frenetic ask-tell``, which searches in a process of its own. So this file,
+or a copy of it under another name, needs Python 3.9 and the standard library alone.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from datetime import datetime
 from pathlib import Path
 from typing import Any, ClassVar, Final
 
-__all__ = ["Frenetic", "Frenetic2021", "Generator", "RandomSearch"]
+__all__ = ["Frenetic2021Generator", "FreneticGenerator", "Generator", "RandomSearchGenerator"]
 
 logger = logging.getLogger(__name__)
 
@@ -41,19 +41,20 @@ MOST_EXCEPTIONS: Final = 100
 """Consecutive exceptions of the executor after which the search ends."""
 
 _TIME_BUDGET: Final = "time-budget"
-_PATIENCE: Final = 60.0  # s for the search's process to end
+_PATIENCE: Final = 60.0  # [s], ours, for the search's process to end
 
 
 class Generator:
     """A test generator for the official pipeline, around a search strategy.
 
     Args:
-        executor: of the pipeline.
-        map_size: m, side of the square map.
-        time_budget: s; only the pipeline of 2021 gives it, later ones ask the executor.
+        executor: the pipeline's executor.
+        map_size: side of the square map, in m.
+        time_budget: time budget in s; only the pipeline of 2021 gives it, later ones ask the
+            executor.
 
     Raises:
-        RuntimeError: there is no pipeline.
+        RuntimeError: the pipeline cannot be imported.
     """
 
     strategy: ClassVar[str]
@@ -77,7 +78,7 @@ class Generator:
         self._answers: Counter[str] = Counter()  # of the executor
 
     def start(self) -> None:
-        """Searches until the executor says that the budget is spent.
+        """Search until the executor says that the budget is spent.
 
         Raises:
             RuntimeError: the search cannot be started, or breaks; the message says why.
@@ -89,7 +90,9 @@ class Generator:
         words = ["--seed", seed, "--out", str(folder)]
         words += ["--map-size", str(self._map_size), "--name", type(self._executor).__name__]
         total = math.ceil(sum(self._budget.totals.values()))
-        if total > 0:  # for the record: the spent share that is told replaces the search's count
+        if (
+            total > 0
+        ):  # for the record: the spent share that is reported replaces the search's count
             words += ["--time", str(total)]
         try:
             settings = shlex.split(os.environ.get(OPTIONS, ""))
@@ -109,23 +112,23 @@ class Generator:
             logger.info("%s ends after %s", name, counts or "no test")
 
     def _follow(self, search: _Search) -> None:
-        """Executes what the search asks for, and tells it the results."""
+        """Execute the roads that the search asks for, and report their results to it."""
         while not self._is_over():
             answer = search.call("ask")
             if "candidate" not in answer:
                 logger.warning("the search ends: %s", answer.get("end", answer))
                 return
             road = answer["candidate"]
-            told = {"id": road["id"], **self._execute(road)}
-            told["budget_spent"] = self._budget.share_spent()
-            answer = search.call("tell", **told)
+            result = {"id": road["id"], **self._execute(road)}
+            result["budget_spent"] = self._budget.share_spent()
+            answer = search.call("tell", **result)
             if "error" in answer:
                 logger.warning("road %d: nothing is learnt, as %s", road["id"], answer["error"])
-                told = {name: told[name] for name in ("id", "outcome", "budget_spent")}
-                search.call("tell", **told)
+                result = {name: result[name] for name in ("id", "outcome", "budget_spent")}
+                search.call("tell", **result)
 
     def _execute(self, road: dict[str, Any]) -> dict[str, Any]:
-        """Runs a road; returns what the search is told."""
+        """Run a road; return its result as the search takes it."""
         try:
             # The pipeline wants a list of tuples.
             test = self._make_test([(x, y) for x, y in road["points"]])
@@ -146,10 +149,10 @@ class Generator:
         logger.log(level, "road %d: %s, %s, %s", road["id"], answer, learnt, description)
         if not is_driven:
             return {"outcome": "ERROR", "reason": f"{answer}: {description}"}
-        told: dict[str, Any] = {"outcome": str(answer), "reason": str(description or "")}
+        result: dict[str, Any] = {"outcome": str(answer), "reason": str(description or "")}
         if moobd is not None:
-            told.update(_course(records, road), moobd=moobd)
-        return told
+            result.update(_course(records, road), moobd=moobd)
+        return result
 
     def _is_over(self) -> bool:
         if self._exceptions >= MOST_EXCEPTIONS:
@@ -165,19 +168,19 @@ class Generator:
             return False
 
 
-class Frenetic(Generator):
+class FreneticGenerator(Generator):
     """Roads that fail as no known failure does."""
 
     strategy = "frenetic"
 
 
-class Frenetic2021(Generator):
+class Frenetic2021Generator(Generator):
     """Random roads, then mutants and crossovers of the worst."""
 
     strategy = "frenetic-2021"
 
 
-class RandomSearch(Generator):
+class RandomSearchGenerator(Generator):
     """Random roads only, the baseline."""
 
     strategy = "random"
@@ -205,7 +208,7 @@ class _Search:
             ) from None
 
     def call(self, request: str, **values: Any) -> dict[str, Any]:
-        """The answer to a request.
+        """Return the answer to a request.
 
         Raises:
             RuntimeError: the process has ended; the message is its last line.
@@ -245,10 +248,10 @@ class _Search:
 
 
 def _frenetic() -> list[str]:
-    """The command ``frenetic``.
+    """Return the command ``frenetic``.
 
     Raises:
-        RuntimeError: there is none.
+        RuntimeError: the command is not found.
     """
     text = os.environ.get(COMMAND, "").strip()
     if text:
@@ -289,7 +292,7 @@ class _TimeBudget:
                 break
 
     def share_spent(self) -> float:
-        """0..1; the last value if the executor does not answer."""
+        """Return the spent share, 0..1; the last one if the executor does not answer."""
         remaining = self._remaining()
         shares = [
             (total - remaining[name]) / total
@@ -302,11 +305,11 @@ class _TimeBudget:
 
     def _remaining(self) -> dict[str, float]:
         try:
-            told = self._executor.get_remaining_time()
+            answer = self._executor.get_remaining_time()
             reason = "it tells no number"
         except Exception as error:
-            told, reason = {}, _describe(error)
-        named = told if isinstance(told, dict) else {_TIME_BUDGET: told}
+            answer, reason = {}, _describe(error)
+        named = answer if isinstance(answer, dict) else {_TIME_BUDGET: answer}
         numbers = {name: _number(value) for name, value in named.items()}
         remaining = {name: number for name, number in numbers.items() if number is not None}
         if not remaining and self._is_readable:
@@ -316,7 +319,7 @@ class _TimeBudget:
 
 
 def least_oob_distance(records: Any) -> float | None:
-    """The MOOBD in m of a test's records, None if no record has a finite oob distance."""
+    """Return the MOOBD in m of a test's records, None if no record has a finite oob distance."""
     try:
         distances = [_number(getattr(record, "oob_distance", None)) for record in records]
     except Exception:  # no list of records
@@ -325,7 +328,7 @@ def least_oob_distance(records: Any) -> float | None:
 
 
 def _course(records: Any, road: dict[str, Any]) -> dict[str, Any]:
-    """What the search is told of a drive's course; nothing if the records lack a place or a speed.
+    """Return a drive's course for the search; nothing if the records lack a place or a speed.
 
     The car was furthest off at the first record with ``is_oob``, or else at the one with the least
     oob distance.
@@ -350,14 +353,14 @@ def _course(records: Any, road: dict[str, Any]) -> dict[str, Any]:
     distances = [math.inf if distance is None else distance for distance in off]
     worst = out.index(True) if any(out) else distances.index(min(distances))
     place, offset = _along(road["points"], columns["x"][worst], columns["y"][worst])
-    told: dict[str, Any] = {"records": columns, "place": place}
+    course: dict[str, Any] = {"records": columns, "place": place}
     if any(out):
-        told["side"] = "left" if offset > -0.5 * road["lane_width"] else "right"
-    return told
+        course["side"] = "left" if offset > -0.5 * road["lane_width"] else "right"
+    return course
 
 
 def _along(points: Sequence[Sequence[float]], x: float, y: float) -> tuple[float, float]:
-    """Distance along a line in m, and to the left of it, of the point next to x, y."""
+    """Return how far along a line, and to the left of it, the point x, y lies, in m."""
     nearest, before = (math.inf, 0.0, 0.0), 0.0
     ax, ay = points[0]
     for bx, by in points[1:]:
@@ -373,7 +376,7 @@ def _along(points: Sequence[Sequence[float]], x: float, y: float) -> tuple[float
 
 
 def _restart_generation_clock(executor: Any) -> None:
-    """Makes an executor usable again after an exception out of `execute_test`.
+    """Make an executor usable again after an exception out of `execute_test`.
 
     After one, executors of later pipelines hold None for the start of the next test's generation,
     and every further `execute_test` would fail to subtract it.

@@ -18,6 +18,7 @@ from msgspec import json, structs
 from frenetic._support.bounds import require_count
 from frenetic._support.json_value import JSONValue, plain
 from frenetic.campaign import Budget, Campaign, CampaignStore, Event, RoadTester, Summary
+from frenetic.campaign.configuration import Owner
 from frenetic.campaign.counts import Counts
 from frenetic.campaign.database import DATABASE
 from frenetic.campaign.objective import MOOBD
@@ -30,6 +31,12 @@ FOLDER: Final = "rerun"
 """Subfolder of a campaign's folder that holds the campaigns beside it."""
 PURPOSE: Final = "rerun"
 """Configuration key of a campaign beside another one: why it drives."""
+
+_OWNER: Final = Owner(
+    summary="does not search",
+    advice="the command that began it, 'frenetic rerun', 'minimise', 'compare' or 'estimate', goes"
+    " on with it",
+)
 
 
 class RerunOptions(TypedDict, total=False):
@@ -111,7 +118,7 @@ def rerun_campaign(
             lookahead=plan.lookahead,
             objective=plan.objective,
             spec=spec,
-            description={PURPOSE: {**plan.purpose, "digest": digest}},
+            description={PURPOSE: {**plan.purpose, "digest": digest}, **_OWNER.entry()},
         )
 
 

@@ -44,6 +44,23 @@ def converted_entries(entries: Mapping[str, Any], kind: type[Any]) -> Any:
         raise ValueError(str(error)) from None
 
 
+def read_table(path: Path, about: str) -> dict[str, Any]:
+    """Return the entries of a file in TOML, not validated.
+
+    Args:
+        path: path of the file.
+        about: what the file says, for messages.
+
+    Raises:
+        FreneticError: there is no such file, or it is no TOML.
+    """
+    data = read_bounded(path)
+    try:
+        return read_toml(data)
+    except ValueError as error:
+        raise FreneticError(f"{path} does not say {about}: {error}") from None
+
+
 def read_entries(path: Path, kind: type[Any], about: str) -> Any:
     """Return the entries of a file in TOML as a struct.
 
@@ -55,9 +72,9 @@ def read_entries(path: Path, kind: type[Any], about: str) -> Any:
     Raises:
         FreneticError: the file does not exist, or an entry is wrong; the message names it.
     """
-    data = read_bounded(path)
+    entries = read_table(path, about)
     try:
-        return converted_entries(read_toml(data), kind)
+        return converted_entries(entries, kind)
     except ValueError as error:
         raise FreneticError(f"{path} does not say {about}: {error}") from None
     except FreneticError as error:

@@ -29,7 +29,7 @@ from frenetic.plugins.bench.bench import unusual_endings
 from frenetic.plugins.bench.generator import GeneratorProcess
 from frenetic.plugins.bench.results import write_results
 from frenetic.plugins.bench.runs import assignment
-from frenetic.plugins.bench.strategy import Ending
+from frenetic.plugins.bench.strategy import RunEnding
 from frenetic.road import Road
 from frenetic.simulators import EmbeddedSimulator, Simulator
 from frenetic.spec.terms import Terms
@@ -277,8 +277,8 @@ def test_processes_that_a_generator_leaves_hold_nothing_up(tmp_path: Path) -> No
         os.kill(sleeping["Detaching"], signal.SIGKILL)  # out of reach: it wanted to be
     until_gone(sleeping.values())
     endings = {name: end.ending for name, end in ends.items()}
-    assert endings["Detaching"] == endings["Starting"] == endings["Filing"] == Ending(End.OVER)
-    assert endings["Dying"] == Ending(End.CRASHED, "its process was killed by SIGSEGV")
+    assert endings["Detaching"] == endings["Starting"] == endings["Filing"] == RunEnding(End.OVER)
+    assert endings["Dying"] == RunEnding(End.CRASHED, "its process was killed by SIGSEGV")
     kept = ends["Filing"].run.folder / "work" / "results" / "mine.txt"
     assert kept.read_text() == "mine"
 
@@ -345,7 +345,7 @@ def test_the_plug_in_does_as_the_strategy_does(
     monkeypatch.setenv("FRENETIC_COMMAND", f'"{sys.executable}" -m frenetic')
     bench = bench_of(
         tmp_path / "bench",
-        Entrant(name="plug-in", spec="frenetic.plugins.competition:Frenetic"),
+        Entrant(name="plug-in", spec="frenetic.plugins.competition:FreneticGenerator"),
         Entrant(name="strategy", spec="frenetic", is_strategy=True),
         simulations=20,
     )
@@ -397,7 +397,7 @@ def test_a_clone_of_the_pipeline_changes_no_road_and_no_verdict(tmp_path: Path) 
     ends = ran(bench_of(tmp_path / "bench", inside, copied, beside, lone, checking))
     results = {name: results_of(end.run.folder) for name, end in ends.items()}
     assert results["inside"] == results["copied"] == results["beside"] == results["lone"]
-    assert {end.ending for end in ends.values()} == {Ending(End.OVER)}
+    assert {end.ending for end in ends.values()} == {RunEnding(End.OVER)}
     assert len(results["lone"]) >= SIMULATIONS
 
 
@@ -438,7 +438,7 @@ def test_a_run_that_fails_is_tried_again_when_the_bench_goes_on(tmp_path: Path) 
     assert all("not today" in end.trouble for end in ends.values())
     assert [state.ending for state in bench.states()] == [None, None]
     mark.unlink()
-    assert all(end.ending == Ending(End.OVER) for end in bench.run(resume=True))
+    assert all(end.ending == RunEnding(End.OVER) for end in bench.run(resume=True))
     assert bench.run(resume=True) == []
 
 
@@ -460,7 +460,7 @@ def test_a_bench_goes_on_with_what_it_was_begun_with(
     for run in bench.runs:
         (run.folder / "campaign.sqlite").unlink()  # as if they had not been made
     monkeypatch.chdir(tmp_path / "elsewhere")
-    assert [end.ending for end in bench.run(resume=True)] == [Ending(End.OVER)] * 2
+    assert [end.ending for end in bench.run(resume=True)] == [RunEnding(End.OVER)] * 2
     shutil.rmtree(bench.runs[0].folder)
     source = tmp_path / "here" / "sneaky.py"
     source.write_text(SNEAKY + "# changed\n", encoding="utf-8")
@@ -471,7 +471,7 @@ def test_a_bench_goes_on_with_what_it_was_begun_with(
         bench.run(resume=True)
     assert not bench.runs[0].folder.exists()
     source.write_text(SNEAKY, encoding="utf-8")
-    assert [end.ending for end in bench.run(resume=True)] == [Ending(End.OVER)]
+    assert [end.ending for end in bench.run(resume=True)] == [RunEnding(End.OVER)]
 
 
 def test_a_run_whose_process_dies_costs_that_run_only(tmp_path: Path) -> None:
@@ -504,7 +504,7 @@ def test_after_ctrl_c_running_runs_are_finished_and_none_begins(tmp_path: Path) 
         asked.append(words)
 
     ends = bench.run(on_progress=ask_to_stop, on_interrupt=lambda: heard.append(True))
-    assert [(end.run.repeat, end.ending) for end in ends] == [(1, Ending(End.OVER))]
+    assert [(end.run.repeat, end.ending) for end in ends] == [(1, RunEnding(End.OVER))]
     assert heard == [True]
     assert asked[-1].startswith("runs 1 of 3, ")
     assert [state.ending is None for state in bench.states()] == [False, True, True]
@@ -565,7 +565,7 @@ def test_strategies_of_ones_own_take_part_and_one_that_raises_gives_up(tmp_path:
     own = Entrant(name="own", spec="bench_parts:Eager", is_strategy=True, options={"cross_num": 2})
     broken = Entrant(name="broken", spec="bench_parts:Broken", is_strategy=True)
     endings = {name: one.ending for name, one in ran(bench_of(tmp_path / "b", own, broken)).items()}
-    assert endings["own"] == Ending(End.OVER)
+    assert endings["own"] == RunEnding(End.OVER)
     assert endings["broken"] is not None
     assert endings["broken"].end is End.GAVE_UP
     assert "the strategy raised KeyError: 'pool'" in endings["broken"].detail

@@ -19,7 +19,7 @@ from frenetic.errors import FreneticError
 from frenetic.oracle.outcome import Outcome
 from frenetic.oracle.verdict import judge
 from frenetic.plugins.commonroad import CommonRoadSimulator
-from frenetic.plugins.commonroad.car import Car
+from frenetic.plugins.commonroad.car import CommonRoadCar
 from frenetic.simulators import EmbeddedSimulator, Simulator, Vehicle
 from frenetic.testing import SimulatorContract
 
@@ -66,7 +66,7 @@ def test_it_drives_as_the_package_does(speed: float) -> None:
 
     start = init_mb([0.0, 0.0, 0.0, speed, 0.0, 0.0, 0.0], p)
     done = solve_ivp(slope, (0.0, 3.0), start, "LSODA", rtol=1e-7, atol=1e-9, max_step=0.01)
-    car = Car(Pose(0.0, 0.0, 0.0), vehicle, speed)
+    car = CommonRoadCar(Pose(0.0, 0.0, 0.0), vehicle, speed)
     for i in range(300):
         car.advance(asked(0.01 * i), 0.0, 0.0)
     x, y, steering, along, heading, yaw_rate, *others = done.y[:, -1]

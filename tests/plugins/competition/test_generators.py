@@ -35,7 +35,12 @@ from stand_in import (
 from frenetic import CampaignStore, Outcome, Road, Test, search
 from frenetic.campaign.check import check_campaign
 from frenetic.plugins import competition
-from frenetic.plugins.competition import Frenetic, Frenetic2021, Generator, RandomSearch
+from frenetic.plugins.competition import (
+    Frenetic2021Generator,
+    FreneticGenerator,
+    Generator,
+    RandomSearchGenerator,
+)
 from frenetic.search import Evaluation
 
 FILE = Path(str(competition.__file__))
@@ -97,9 +102,9 @@ def complaints(log: pytest.LogCaptureFixture) -> list[str]:
 @pytest.mark.parametrize(
     ("generator", "strategy", "executor", "run"),
     [
-        (Frenetic, search.Frenetic(seed=5), Executor2022, run_2022),
-        (Frenetic2021, search.Frenetic2021(seed=5, max_redraws=0), Executor2021, run_2021),
-        (RandomSearch, search.RandomSearch(seed=5), ExecutorOfTwoBudgets, run_2022),
+        (FreneticGenerator, search.Frenetic(seed=5), Executor2022, run_2022),
+        (Frenetic2021Generator, search.Frenetic2021(seed=5, max_redraws=0), Executor2021, run_2021),
+        (RandomSearchGenerator, search.RandomSearch(seed=5), ExecutorOfTwoBudgets, run_2022),
     ],
 )
 def test_the_roads_are_those_of_the_search_itself_when_told_the_same(
@@ -109,7 +114,7 @@ def test_the_roads_are_those_of_the_search_itself_when_told_the_same(
     run: Run,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    if generator is Frenetic2021:  # as published: many of its roads are invalid
+    if generator is Frenetic2021Generator:  # as published: many of its roads are invalid
         monkeypatch.setenv("FRENETIC_STRATEGY_OPTIONS", "max_redraws=0")
 
     def answer(test: RoadTest) -> Any:
@@ -144,7 +149,7 @@ def test_verdicts_and_traces_reach_the_search(caplog: pytest.LogCaptureFixture) 
         return driven(test, "FAIL", 1.5, 0.4, -1.25, 0.3) if test.id % 2 else passed(test)
 
     executor = Executor2022(tests=4, answer=answer)
-    run_2022(Frenetic, executor)
+    run_2022(FreneticGenerator, executor)
     tests = stored()
     assert [str(test.outcome) for test in tests] == ["FAIL", "PASS", "FAIL", "PASS"]
     assert [test.moobd for test in tests] == [-1.25, 0.5, -1.25, 0.5]
@@ -229,7 +234,7 @@ def test_the_search_goes_on_whatever_comes_back(caplog: pytest.LogCaptureFixture
         return odd[test.id - 1](test) if test.id <= len(odd) else passed(test)
 
     pipeline = Executor2022(tests=len(odd) + 5, answer=answer)
-    run_2022(Frenetic2021, pipeline)
+    run_2022(Frenetic2021Generator, pipeline)
     assert len(pipeline.tests) == len(odd) + 5
     tests = stored()
     driven_roads = [str(test.outcome) for test in tests if test.outcome.is_driven]
@@ -241,7 +246,7 @@ def test_the_search_goes_on_whatever_comes_back(caplog: pytest.LogCaptureFixture
 
 def test_an_executor_that_only_raises_is_given_up(caplog: pytest.LogCaptureFixture) -> None:
     executor = Executor2022(tests=10**6, answer=raising)
-    run_2022(RandomSearch, executor)
+    run_2022(RandomSearchGenerator, executor)
     assert len(executor.tests) == 100
     assert complaints(caplog)[-1].startswith("the executor raised 100 times in a row")
 
@@ -264,7 +269,7 @@ def test_a_clock_that_says_nothing_for_a_while(caplog: pytest.LogCaptureFixture)
 
     executor = Clockless(tests=8)
     executor.time_budget = type("Budget", (), {"time_budget": 240.0})()  # type: ignore[attr-defined]
-    run_2022(RandomSearch, executor)
+    run_2022(RandomSearchGenerator, executor)
     # The first reading comes before the first test.
     assert [test.budget_spent for test in stored()] == [0, 0, 0, 0, 0.625, 0.75, 0.875, 1]
     silent = [line for line in complaints(caplog) if "does not say what time remains" in line]
@@ -276,9 +281,9 @@ def test_the_end_of_the_process_passes_through(caplog: pytest.LogCaptureFixture)
         tests=9, answer=lambda test: sys.exit(123) if test.id == 7 else passed(test)
     )
     with pytest.raises(SystemExit) as ended:
-        run_2022(Frenetic, executor)
+        run_2022(FreneticGenerator, executor)
     assert ended.value.code == 123
-    assert caplog.records[-1].getMessage() == "Frenetic ends after 6 PASS"
+    assert caplog.records[-1].getMessage() == "FreneticGenerator ends after 6 PASS"
     assert len(stored()) == 6
 
 
@@ -291,7 +296,7 @@ def test_a_search_that_is_killed_ends_in_one_line() -> None:
         return passed(test)
 
     with pytest.raises(RuntimeError, match=r"^the search has ended: .* ask-tell") as ended:
-        run_2022(RandomSearch, Executor2022(tests=9, answer=answer))
+        run_2022(RandomSearchGenerator, Executor2022(tests=9, answer=answer))
     assert "\n" not in str(ended.value)
 
 
@@ -313,7 +318,7 @@ def test_mistakes_are_told_in_one_line(
 ) -> None:
     monkeypatch.setenv(variable, value)
     with pytest.raises(RuntimeError) as raised:
-        run_2022(Frenetic2021, Executor2022(tests=1))
+        run_2022(Frenetic2021Generator, Executor2022(tests=1))
     assert says in str(raised.value)
     assert "\n" not in str(raised.value)
 
@@ -321,7 +326,7 @@ def test_mistakes_are_told_in_one_line(
 def test_outside_the_pipeline_one_line_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "code_pipeline.tests_generation", None)
     with pytest.raises(RuntimeError, match=r"run by the pipeline's competition\.py"):
-        run_2022(Frenetic, Executor2022(tests=1))
+        run_2022(FreneticGenerator, Executor2022(tests=1))
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="its programs are no scripts")
@@ -331,12 +336,12 @@ def test_the_command_is_found_on_the_path_or_in_this_interpreter(
     monkeypatch.delenv("FRENETIC_COMMAND")
     monkeypatch.setenv("PATH", str(tmp_path))
     executor = Executor2022(tests=1)
-    run_2022(RandomSearch, executor)
+    run_2022(RandomSearchGenerator, executor)
     assert len(executor.tests) == 1
     (tmp_path / "frenetic").write_text("#!/bin/sh\necho another one >&2\n")
     (tmp_path / "frenetic").chmod(0o755)
     with pytest.raises(RuntimeError, match="the search has ended: another one"):
-        run_2022(RandomSearch, Executor2022(tests=1))
+        run_2022(RandomSearchGenerator, Executor2022(tests=1))
 
 
 ALONE = """
@@ -353,7 +358,7 @@ def load(name, file):
 plug_in, stand_in = load("ours", sys.argv[1]), load("stand_in", sys.argv[2])
 stand_in.install()
 executor = stand_in.Executor2022(tests=3)
-stand_in.run_2022(plug_in.Frenetic, executor)
+stand_in.run_2022(plug_in.FreneticGenerator, executor)
 others = [file for module in sys.modules.values() if (file := getattr(module, "__file__", None))]
 print(json.dumps([len(executor.tests), [file for file in others if "site-packages" in file]]))
 """

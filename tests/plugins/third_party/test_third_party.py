@@ -1,4 +1,4 @@
-"""Real drivers off the shelf: the contract, and roads on which a fault of the glue shows."""
+"""Third-party drivers: the contract, and roads on which a fault of the glue shows."""
 
 from __future__ import annotations
 

@@ -28,8 +28,8 @@ from frenetic.plugins.twin.calibration import (
     verdict_of,
 )
 from frenetic.plugins.twin.fitting import difference
-from frenetic.plugins.twin.model import Model
-from frenetic.plugins.twin.profile import Figures, Profile
+from frenetic.plugins.twin.model import TwinModel
+from frenetic.plugins.twin.profile import PredictionFigures, TwinProfile
 
 if TYPE_CHECKING:
     from command_line import Frenetic
@@ -88,7 +88,7 @@ def recordings(campaigns: list[Path]) -> Recordings:
 def test_a_known_parameter_is_found_and_an_idle_one_is_called_undetermined(
     recordings: Recordings, tmp_path: Path
 ) -> None:
-    model = Model.of("stanley", ["lateral_acceleration", "vehicle.brake_deceleration=7:9"])
+    model = TwinModel.of("stanley", ["lateral_acceleration", "vehicle.brake_deceleration=7:9"])
     profile = calibrate(recordings, model)
     found, idle = profile.fitted
     assert found.value == pytest.approx(KNOWN, rel=0.01)
@@ -102,7 +102,7 @@ def test_a_known_parameter_is_found_and_an_idle_one_is_called_undetermined(
     assert profile.validation.twin.offset_error is not None
     assert profile.validation.twin.offset_error < 0.05
     profile.write(tmp_path / "twin.json")
-    read = Profile.read(tmp_path / "twin.json")
+    read = TwinProfile.read(tmp_path / "twin.json")
     assert read == profile
     driver: Any = read.spec().make_driver()
     simulator: Any = read.spec().make_simulator()
@@ -112,7 +112,7 @@ def test_a_known_parameter_is_found_and_an_idle_one_is_called_undetermined(
 
 def test_parameters_that_make_up_for_each_other_are_not_determined(recordings: Recordings) -> None:
     asked = ["vehicle.friction=0.5:1.2", "vehicle.tyre_peak=0.5:1.5"]
-    model = Model.of("stanley", asked, driver_options={"lateral_acceleration": KNOWN})
+    model = TwinModel.of("stanley", asked, driver_options={"lateral_acceleration": KNOWN})
     for one in calibrate(recordings, model).fitted:
         assert one.to / one.from_ > 1.3
 
@@ -122,7 +122,7 @@ def test_an_interval_that_ends_at_a_bound_is_a_warning_and_usual_bounds_are_wide
 ) -> None:
     slow = read_recordings([recorded(tmp_path / "slow", 101, 12, known=2.5)])
     narrow, usual = (
-        calibrate(slow, Model.of("stanley", [f"lateral_acceleration{bounds}"]))
+        calibrate(slow, TwinModel.of("stanley", [f"lateral_acceleration{bounds}"]))
         for bounds in ("=3:12", "")
     )
     (one,) = narrow.fitted
@@ -153,11 +153,11 @@ def test_what_nothing_can_be_fitted_to_is_refused(
 ) -> None:
     few = Recordings(recordings.drives[:9], recordings.terms, 0)
     with pytest.raises(FreneticError, match="9 recorded drives: at least 10"):
-        calibrate(few, Model.of("stanley", ["braking"]))
+        calibrate(few, TwinModel.of("stanley", ["braking"]))
     (tmp_path / "mine.py").write_text(OWN, encoding="utf-8")
     monkeypatch.chdir(tmp_path)
     with pytest.raises(FreneticError, match="the driver broke: the driver raised ValueError: no"):
-        calibrate(recordings, Model.of("mine.py:Raises", ["gain"]))
+        calibrate(recordings, TwinModel.of("mine.py:Raises", ["gain"]))
 
 
 # Figures
@@ -202,7 +202,7 @@ def test_a_difference_has_the_error_of_its_independent_groups() -> None:
 def test_the_verdict(
     failures: int, auc: float, low: float, lift: float, baseline: float, verdict: str
 ) -> None:
-    twin, other = Figures(auc=auc, top_tenth=lift), Figures(auc=baseline)
+    twin, other = PredictionFigures(auc=auc, top_tenth=lift), PredictionFigures(auc=baseline)
     failed = (np.arange(200) < failures).astype(float)
     found, reason = verdict_of(twin, failed, (low, 0.95), {"length": other})
     assert found == verdict
@@ -211,7 +211,7 @@ def test_the_verdict(
 
 def test_a_verdict_tells_baselines_and_a_twin_that_fails_more_or_less_often() -> None:
     failed = (np.arange(200) < 30).astype(float)
-    twin = Figures(auc=0.8, top_tenth=3.0)
+    twin = PredictionFigures(auc=0.8, top_tenth=3.0)
     found, reason = verdict_of(twin, failed, (0.7, 0.9), {UNFITTED: twin})
     assert found == "fair"
     assert "the driver as it was ranks no worse" in reason
@@ -219,7 +219,7 @@ def test_a_verdict_tells_baselines_and_a_twin_that_fails_more_or_less_often() ->
     assert found == "poor"
     assert "the driver as it was and length rank no worse" in reason
     for ours, is_told in ((0, True), (29, False), (46, True)):
-        twin = Figures(auc=0.8, top_tenth=3.0, twin_failures=ours)
+        twin = PredictionFigures(auc=0.8, top_tenth=3.0, twin_failures=ours)
         _, reason = verdict_of(twin, failed, (0.7, 0.9), {})
         assert ("trust its order, not its outcomes" in reason) == is_told
 
@@ -243,11 +243,11 @@ def test_a_verdict_tells_baselines_and_a_twin_that_fails_more_or_less_often() ->
 )
 def test_parameters_that_cannot_be_fitted(asked: list[str], message: str) -> None:
     with pytest.raises(FreneticError, match=message):
-        Model.of("stanley", asked)
+        TwinModel.of("stanley", asked)
 
 
 def test_usual_bounds_end_where_no_car_can_be_made() -> None:
-    model = Model.of("planner", ["friction"])
+    model = TwinModel.of("planner", ["friction"])
     (friction,) = model.parameters
     assert friction.low == 0.25
     assert 1.0 < friction.high < 2.0
@@ -357,7 +357,7 @@ def test_it_prints_a_verdict_and_writes_a_profile(frenetic: Frenetic) -> None:
     assert result.code == 0
     for words in ("layer.delay", "largest curvature", "start from"):
         assert words in result.out
-    profile = Profile.read("new/twin.json")
+    profile = TwinProfile.read("new/twin.json")
     assert profile.validation is not None
     assert (profile.validation.by, profile.validation.drives) == ("road", 12)
 

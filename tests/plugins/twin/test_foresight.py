@@ -25,8 +25,8 @@ from frenetic.drivers.driver import Driver
 from frenetic.errors import CampaignError, FreneticError
 from frenetic.oracle.outcome import Outcome
 from frenetic.plugins.twin.foresight import CAR, LAWS, SPEED, OnlineTwin, foresight
-from frenetic.plugins.twin.model import Model
-from frenetic.plugins.twin.profile import Fitted, Profile
+from frenetic.plugins.twin.model import TwinModel
+from frenetic.plugins.twin.profile import Fitted, TwinProfile
 from frenetic.search import Candidate, Evaluation, Frenetic, RandomSearch
 from frenetic.search.archive import places_of
 from frenetic.simulators.conditions import in_conditions
@@ -39,7 +39,7 @@ pytest_plugins = ["command_line"]
 
 HIDDEN = Stanley(lateral_acceleration=7.5, offset_gain=0.8, braking=4.0)
 """The driver under test, whose parameters the twin has to find."""
-TWIN = Profile.of("twin", Spec(driver="planner,lateral_acceleration=7.8"))
+TWIN = TwinProfile.of("twin", Spec(driver="planner,lateral_acceleration=7.8"))
 
 
 def driven(
@@ -59,7 +59,7 @@ def test_a_twin_learns_a_driver_and_foresees_where_it_fails() -> None:
     spec = Spec()
     search = RandomSearch(seed=1)
     roads = [search.ask() for _ in range(60)]
-    models = [Model.of(law, [*SPEED, *own, *CAR]) for law, own in LAWS.items()]
+    models = [TwinModel.of(law, [*SPEED, *own, *CAR]) for law, own in LAWS.items()]
     twin = OnlineTwin(models, spec)
     drives = driven(roads, HIDDEN, spec)
     for candidate, evaluation in drives[:20]:
@@ -99,7 +99,7 @@ def profile(tmp_path: Path) -> Path:
     entries = {"low": 3.0, "high": 12.0, "from": 6.0, "to": 8.0}
     speed = {"name": "driver.lateral_acceleration", "value": 7.0, **entries}
     fitted = msgspec.convert({**speed, "is_determined": True, "at_bound": False}, Fitted)
-    Profile.of("twin", spec, fitted=[fitted]).write(tmp_path / "twin.json")
+    TwinProfile.of("twin", spec, fitted=[fitted]).write(tmp_path / "twin.json")
     return tmp_path / "twin.json"
 
 
@@ -122,7 +122,7 @@ def test_a_campaign_with_foresight_finds_more_and_goes_on_with_the_same_roads(
     with CampaignStore.open(tmp_path / "found") as store:
         recorded = recorded_spec(store.config, source="campaign")
     before = profile.read_bytes()
-    msgspec.structs.replace(Profile.read(profile), name="another").write(profile)
+    msgspec.structs.replace(TwinProfile.read(profile), name="another").write(profile)
     with pytest.raises(CampaignError, match="made with another strategy"):
         Campaign.of(recorded, folder=tmp_path / "found", workers=1).resume()
     profile.write_bytes(before)
@@ -133,7 +133,7 @@ def test_a_campaign_with_foresight_finds_more_and_goes_on_with_the_same_roads(
 
 
 def test_a_profile_foresees_from_the_start_and_is_fitted_on(profile: Path) -> None:
-    twin = OnlineTwin([Model.of_profile(Profile.read(profile))], Spec(), is_ready=True)
+    twin = OnlineTwin([TwinModel.of_profile(TwinProfile.read(profile))], Spec(), is_ready=True)
     search = RandomSearch(seed=2)
     drives = driven([search.ask() for _ in range(25)], Stanley(lateral_acceleration=7.5), Spec())
     assert twin.foresee(drives[0][0]) is not None

@@ -14,7 +14,7 @@ from frenetic.campaign import RoadTester
 from frenetic.cli.entries import Given
 from frenetic.drivers import Delayed
 from frenetic.errors import FreneticError
-from frenetic.plugins.twin.profile import Profile
+from frenetic.plugins.twin.profile import TwinProfile
 from frenetic.spec import Spec
 
 if TYPE_CHECKING:
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 pytest_plugins = ["command_line"]
 
-TWIN = Profile.of(
+TWIN = TwinProfile.of(
     "twin",
     Spec(
         driver="stanley,aggression=1.2",
@@ -49,7 +49,7 @@ def changed(path: Path, driven: dict[str, Any], **entries: Any) -> Path:
 
 def test_it_is_read_as_written_and_drives_as_its_parts_made_by_hand(tmp_path: Path) -> None:
     TWIN.write(tmp_path / "new" / "twin.json")
-    read = Profile.read(tmp_path / "new" / "twin.json")
+    read = TwinProfile.read(tmp_path / "new" / "twin.json")
     assert read == TWIN
     tester = RoadTester.of(read.spec())
     by_hand = EmbeddedSimulator(
@@ -81,7 +81,7 @@ def test_what_is_wrong_in_a_profile_is_named(
 ) -> None:
     path = changed(tmp_path / "twin.json", driven, **entries)
     with pytest.raises(FreneticError, match=message) as caught:
-        Profile.read(path)
+        TwinProfile.read(path)
     assert str(path) in str(caught.value)
 
 
@@ -90,7 +90,7 @@ def test_what_is_no_profile_is_refused(tmp_path: Path, content: bytes) -> None:
     path = tmp_path / "twin.json"
     path.write_bytes(content)
     with pytest.raises(FreneticError, match=r"does not say how roads are driven|too large"):
-        Profile.read(path)
+        TwinProfile.read(path)
 
 
 def test_given_options_lie_over_those_of_the_profile(tmp_path: Path) -> None:
@@ -116,7 +116,7 @@ def test_given_options_lie_over_those_of_the_profile(tmp_path: Path) -> None:
 def test_a_profile_loads_nobodys_code_unasked(tmp_path: Path) -> None:
     path = changed(tmp_path / "twin.json", {"driver": "elsewhere.py:Bold,aggression=1.2"})
     with pytest.raises(FreneticError, match=r"'elsewhere\.py:Bold', code that you have not trust"):
-        Profile.read(path).spec()
+        TwinProfile.read(path).spec()
 
 
 def test_commands_drive_with_a_profile_and_its_campaign_keeps_what_it_says(

@@ -25,7 +25,7 @@ from frenetic.campaign.record import Test
 from frenetic.drivers.loading import load_driver
 from frenetic.plugins.vision import appearance
 from frenetic.plugins.vision.film import LARGEST, MOST_PICTURES, camera_film
-from frenetic.plugins.vision.rendering import Renderer
+from frenetic.plugins.vision.rendering import CameraRenderer
 from frenetic.report.html import campaign_report
 from frenetic.report.html.tests import Film
 from frenetic.spec.terms import Terms
@@ -77,7 +77,7 @@ def test_a_report_shows_what_the_camera_saw_through_its_layers(searched: Path) -
     sheet = picture(camera.pictures)
     driver = load_driver("marking-follower", fog=25.0)
     assert isinstance(driver, appearance.Foggy)
-    renderer = Renderer(record.road, driver.driver.camera)  # type: ignore[attr-defined]
+    renderer = CameraRenderer(record.road, driver.driver.camera)  # type: ignore[attr-defined]
     assert record.drive is not None
     path = record.drive.trajectory
     for k in (0, 9):
@@ -85,7 +85,7 @@ def test_a_report_shows_what_the_camera_saw_through_its_layers(searched: Path) -
         drawn = renderer.draw(path.x[i], path.y[i], path.heading[i])
         v, u = divmod(k, camera.columns)
         part = sheet[v * camera.height :, u * camera.width :][: camera.height, : camera.width]
-        seen = driver.seen(drawn, None).astype(float)  # type: ignore[arg-type]
+        seen = driver.alter(drawn, None).astype(float)  # type: ignore[arg-type]
         assert np.abs(part - seen).mean() < 4.0
         assert np.abs(part - drawn).mean() > 15.0  # the fog is there
 

@@ -23,7 +23,7 @@ from frenetic.errors import FreneticError
 from frenetic.oracle.outcome import Outcome
 from frenetic.oracle.verdict import judge
 from frenetic.plugins.vision import appearance
-from frenetic.plugins.vision.rendering import Renderer
+from frenetic.plugins.vision.rendering import CameraRenderer
 from frenetic.road import Pose, Road
 from frenetic.simulators import EmbeddedSimulator
 from frenetic.simulators.conditions import in_conditions
@@ -106,7 +106,7 @@ CAMERAS = (
 def test_points_of_the_markings_are_where_another_projection_puts_them(camera: Camera) -> None:
     x, y = at(BENDS, 15.0, -2.0)
     place = Pose(x, y, BENDS.pose_at(15.0).heading)
-    image = Renderer(BENDS, camera).draw(*place).astype(float)
+    image = CameraRenderer(BENDS, camera).draw(*place).astype(float)
     seen = 0
     for left, beside in ((-3.8, -3.0), (3.8, 3.0), (0.0, 1.0)):
         for ahead in (6.0, 8.0, 11.0, 14.0):
@@ -136,8 +136,8 @@ def test_the_edge_of_a_line_lies_within_a_tenth_of_a_pixel() -> None:
     camera = Camera(width=320, height=160, pitch=0.0)
     straight = Road([0.0] * 12)
     place = Pose(0.0, 0.0, straight.pose.heading)
-    image = Renderer(straight, camera).draw(*place).astype(float)[..., 0]
-    bare = Renderer(straight, camera, Scene(wear=1.0)).draw(*place).astype(float)[..., 0]
+    image = CameraRenderer(straight, camera).draw(*place).astype(float)[..., 0]
+    bare = CameraRenderer(straight, camera, Scene(wear=1.0)).draw(*place).astype(float)[..., 0]
     for row in range(90, 121, 6):
         ahead = camera.up * camera.focal_length / (row + 0.5 - 80.0)
         _, expected = pixel_of(camera, place, at(straight, ahead + camera.forward, -3.8))
@@ -151,7 +151,7 @@ def test_a_road_that_comes_back_is_drawn_twice() -> None:
     hairpin = Road([0.0] * 5 + [0.05, 0.0628, 0.0628, 0.0628, 0.05] + [0.0] * 5)
     camera = Camera(width=320, height=160)
     heading = hairpin.pose.heading + 0.6
-    image = Renderer(hairpin, camera).draw(*at(hairpin, 20.0, 0.0), heading)
+    image = CameraRenderer(hairpin, camera).draw(*at(hairpin, 20.0, 0.0), heading)
     place = Pose(*at(hairpin, 20.0, 0.0), heading)
     x, y = at(hairpin, 20.0, 0.0)
     back = min(
@@ -167,7 +167,7 @@ def test_a_road_that_comes_back_is_drawn_twice() -> None:
 
 def test_a_long_road_and_a_wide_lane_can_be_drawn() -> None:
     road = Road([0.0, 0.0005] * 500, lane_width=30.0)
-    image = Renderer(road, Camera(width=16, height=8)).draw(*at(road, 5000.0, -15.0), 1.0)
+    image = CameraRenderer(road, Camera(width=16, height=8)).draw(*at(road, 5000.0, -15.0), 1.0)
     assert image.shape == (8, 16, 3)
 
 

@@ -24,20 +24,22 @@ def pair(
     mode: AutoresetMode, camera: Camera | None
 ) -> tuple[LaneKeepingVectorEnv, SyncVectorEnv[Any, Any]]:
     ours = LaneKeepingVectorEnv(num_envs=CARS, autoreset_mode=mode, rules=QUICK, camera=camera)
-    theirs: SyncVectorEnv[Any, Any] = SyncVectorEnv(
+    singles: SyncVectorEnv[Any, Any] = SyncVectorEnv(
         [lambda: LaneKeepingEnv(rules=QUICK, camera=camera)] * CARS, autoreset_mode=mode
     )
-    return ours, theirs
+    return ours, singles
 
 
-def alike(one: Any, other: Any) -> bool:
-    if isinstance(one, dict):
-        assert isinstance(other, dict)
-        return one.keys() == other.keys() and all(alike(one[key], other[key]) for key in one)
-    if isinstance(one, np.ndarray) and one.dtype == object:
-        return all(alike(a, b) for a, b in zip(one, other, strict=True))
-    return bool(np.array_equal(one, other)) and getattr(one, "dtype", 0) == getattr(
-        other, "dtype", 0
+def alike(first: Any, second: Any) -> bool:
+    if isinstance(first, dict):
+        assert isinstance(second, dict)
+        return first.keys() == second.keys() and all(
+            alike(first[key], second[key]) for key in first
+        )
+    if isinstance(first, np.ndarray) and first.dtype == object:
+        return all(alike(a, b) for a, b in zip(first, second, strict=True))
+    return bool(np.array_equal(first, second)) and getattr(first, "dtype", 0) == getattr(
+        second, "dtype", 0
     )
 
 
@@ -46,41 +48,41 @@ def alike(one: Any, other: Any) -> bool:
     [(AutoresetMode.NEXT_STEP, None), (AutoresetMode.SAME_STEP, CAMERA)],
 )
 def test_many_cars_drive_as_one_by_one(mode: AutoresetMode, camera: Camera | None) -> None:
-    ours, theirs = pair(mode, camera)
+    ours, singles = pair(mode, camera)
     assert ours.metadata["autoreset_mode"] is mode
-    assert ours.observation_space == theirs.observation_space
-    assert ours.action_space == theirs.action_space
-    for one, other in zip(ours.reset(seed=5), theirs.reset(seed=5), strict=True):
-        assert alike(one, other)
+    assert ours.observation_space == singles.observation_space
+    assert ours.action_space == singles.action_space
+    for first, second in zip(ours.reset(seed=5), singles.reset(seed=5), strict=True):
+        assert alike(first, second)
     ours.action_space.seed(1)
     ends = np.zeros(2)  # terminated, truncated
     for _ in range(120):
         actions = ours.action_space.sample()
-        results = ours.step(actions), theirs.step(actions)
-        for one, other in zip(*results, strict=True):
-            assert alike(one, other), (one, other)
+        results = ours.step(actions), singles.step(actions)
+        for first, second in zip(*results, strict=True):
+            assert alike(first, second), (first, second)
         ends += results[0][2].sum(), results[0][3].sum()
     assert ends.min() >= CARS
 
 
 def test_a_given_road_is_that_of_every_car_for_one_episode() -> None:
-    given = Road([0.0, 0.02, 0.03, 0.0, -0.02, 0.0])
-    ours, theirs = pair(AutoresetMode.SAME_STEP, None)
+    road = Road([0.0, 0.02, 0.03, 0.0, -0.02, 0.0])
+    ours, singles = pair(AutoresetMode.SAME_STEP, None)
 
     def both(name: str, *args: Any, **options: Any) -> Any:
-        results = getattr(ours, name)(*args, **options), getattr(theirs, name)(*args, **options)
-        for one, other in zip(*results, strict=True):
-            assert alike(one, other), (one, other)
+        results = getattr(ours, name)(*args, **options), getattr(singles, name)(*args, **options)
+        for first, second in zip(*results, strict=True):
+            assert alike(first, second), (first, second)
         return results[0]
 
     both("reset", seed=3)
-    both("reset", seed=5, options={"road": given, "unknown": 1})
-    assert [ours.road(k) for k in range(CARS)] == [given] * CARS
+    both("reset", seed=5, options={"road": road, "unknown": 1})
+    assert [ours.road(k) for k in range(CARS)] == [road] * CARS
     for _ in range(40):
         actions = np.full((CARS, 2), 0.1, np.float32)
         if both("step", actions)[2].any():
             break
-    assert ours.road(0) is not given
+    assert ours.road(0) is not road
     with pytest.raises(FreneticError, match=r"options\['road'\] is 3: a frenetic.Road is needed"):
         ours.reset(options={"road": 3})
 
@@ -117,20 +119,20 @@ def test_a_drive_of_a_car_and_a_longer_road() -> None:
         single.reset(options={"road": envs.road(k)})
         for _ in range(300):
             single.step(gas[k])
-        ours, theirs = envs.drive(k).trajectory, single.drive().trajectory
+        ours, expected = envs.drive(k).trajectory, single.drive().trajectory
         assert len(ours) == 301
-        assert np.array_equal(ours.to_rows(), theirs.to_rows())
+        assert np.array_equal(ours.to_rows(), expected.to_rows())
 
 
 def test_seeds_for_each_car() -> None:
-    one, other = (LaneKeepingVectorEnv(num_envs=2) for _ in range(2))
-    one.reset(seed=7)
-    other.reset(seed=[7, 8])
+    first, second = (LaneKeepingVectorEnv(num_envs=2) for _ in range(2))
+    first.reset(seed=7)
+    second.reset(seed=[7, 8])
     for k in range(2):
-        ours, theirs = one.road(k), other.road(k)
+        ours, expected = first.road(k), second.road(k)
         assert ours is not None
-        assert theirs is not None
-        assert np.array_equal(ours.curvatures, theirs.curvatures)
+        assert expected is not None
+        assert np.array_equal(ours.curvatures, expected.curvatures)
 
 
 def test_what_it_refuses() -> None:

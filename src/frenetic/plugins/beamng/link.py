@@ -9,16 +9,11 @@ import importlib
 import logging
 import math
 import os
-import signal
-import socket
 import subprocess
 import sys
-import threading
 import time
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass
-from functools import partial
 from importlib.metadata import version
 from itertools import count
 from pathlib import Path
@@ -30,12 +25,18 @@ from frenetic._support.arrays import FloatArray
 from frenetic._support.words import pip_install
 from frenetic.drivers.camera import Camera, Image
 from frenetic.errors import FreneticError, describe_error
-from frenetic.processes.children import kill_tree
+from frenetic.plugins.beamng.car_state import CarState
+from frenetic.plugins.beamng.process import (
+    LOOPBACK,
+    QUIT_LIMIT,
+    child_deaf_to_interrupt,
+    end_process,
+    free_port,
+)
 from frenetic.road import Pose, Road
 
 DEFAULT_PORT: Final = 25252
 """Port on which BeamNG.tech listens by default."""
-LOOPBACK: Final = "127.0.0.1"
 HOME_VARIABLE: Final = "BNG_HOME"
 """Environment variable that says where BeamNG.tech is installed."""
 EXTRA: Final = pip_install("beamng")
@@ -65,7 +66,6 @@ _PICTURE_PERIOD: Final = 0.05  # s between two pictures
 _SEEN: Final = (0.05, 2000.0)  # m, the nearest and the farthest that a camera sees
 _POLL: Final = 0.5  # s between two looks whether BeamNG.tech has started
 _CONNECT_LIMIT: Final = 10.0  # s until a port that does not even refuse counts as unreachable
-_QUIT_LIMIT: Final = 10.0  # s to end when asked, and as much again when told
 # Front, then rear; each bottom left, bottom right, top left, top right.
 _CORNERS: Final = tuple(
     f"{end}_{height}_{side}"
@@ -81,44 +81,6 @@ _scenarios = count(1)
 
 class BeamngError(FreneticError):
     """BeamNG.tech cannot be started or reached, or it broke."""
-
-
-@dataclass(frozen=True)
-class CarState:
-    """State of the car in BeamNG.tech at one moment."""
-
-    time: float
-    """Time on the simulator's own clock in s, which started at some time."""
-    position: FloatArray
-    """The car's reference node, (3,) in m."""
-    forward: FloatArray
-    """Unit vector ahead, (3,)."""
-    up: FloatArray
-    """Unit vector upwards, (3,)."""
-    velocity: FloatArray
-    """Velocity, (3,) in m/s."""
-    steering_input: float
-    """Steering input -1..1, as BeamNG.tech counts it."""
-    throttle_input: float
-    """0..1."""
-    brake_input: float
-    """0..1."""
-
-    @property
-    def heading(self) -> float:
-        """Heading in rad, counter-clockwise from +x."""
-        return math.atan2(self.forward[1], self.forward[0])
-
-    @property
-    def speed(self) -> float:
-        """Speed over the ground, in m/s."""
-        return math.hypot(self.velocity[0], self.velocity[1])
-
-    def place(self, ahead: float, left: float) -> tuple[float, float]:
-        """The point so many m ahead and left of the car's position, in m."""
-        aside = np.cross(self.up, self.forward)
-        x, y, _ = self.position + ahead * self.forward + left * aside
-        return float(x), float(y)
 
 
 def place_of(
@@ -165,15 +127,15 @@ def place_of(
 
 
 def beamngpy() -> Any:
-    """The package BeamNGpy.
+    """Return the package BeamNGpy.
 
     Raises:
         BeamngError: it is not installed.
     """
     # BeamNGpy logs a lot, and its warnings go unread; those that matter become errors.
-    theirs = logging.getLogger("beamngpy")
-    theirs.addHandler(_silence)
-    theirs.propagate = logger.isEnabledFor(logging.DEBUG)
+    foreign_logger = logging.getLogger("beamngpy")
+    foreign_logger.addHandler(_silence)
+    foreign_logger.propagate = logger.isEnabledFor(logging.DEBUG)
     try:
         return importlib.import_module("beamngpy")
     except ModuleNotFoundError as error:
@@ -203,7 +165,7 @@ class Link:
         self.is_licensed = False
         """Whether it found its licence, so that it is BeamNG.tech."""
         with _asking("preparing it"):
-            port = place["port"] or _free_port()
+            port = place["port"] or free_port()
             self._bng: Any = self._package.BeamNGpy(**{**place, "port": port}, quit_on_close=False)
         where = f"{self._bng.host}:{self._bng.port}"
         try:
@@ -223,7 +185,7 @@ class Link:
 
     def _start(self) -> None:
         bng = self._bng
-        with _asking("starting it"), _child_deaf_to_interrupt():
+        with _asking("starting it"), child_deaf_to_interrupt():
             bng._start_beamng(None, "-tcom-listen-ip", LOOPBACK)
             process: subprocess.Popen[bytes] = bng.process
         self._process = process
@@ -240,7 +202,7 @@ class Link:
             time.sleep(_POLL)
 
     def _open(self, limit: float) -> bool:
-        """Connects if somebody listens; the first answer may take as long as the limit in s."""
+        """Connect if somebody listens; the first answer may take as long as the limit in s."""
         bng = self._bng
         with _asking(f"connecting to {bng.host}:{bng.port}"):
             # BeamNGpy's own way of opening waits for an answer twice.
@@ -258,7 +220,7 @@ class Link:
         return Path(self.user_folder.replace("\\", "/")).name or "unknown"
 
     def require(self, level: str, vehicle: str) -> None:
-        """Checks that there are a level and a vehicle.
+        """Check that there are a level and a vehicle.
 
         Raises:
             BeamngError: one is missing; the message lists others.
@@ -281,7 +243,7 @@ class Link:
             # A lost connection need not be closed cleanly.
             if process is not None and process.poll() is None:
                 with suppress(Exception):
-                    self._limit(_QUIT_LIMIT)
+                    self._limit(QUIT_LIMIT)
                     self._bng.control.quit_beamng()
             with suppress(Exception):
                 self._bng.disconnect()
@@ -299,7 +261,7 @@ class Link:
     # A scenario
 
     def load(self, level: str, ground: float, road: Road, start: Pose, vehicle: str) -> None:
-        """Builds a road of two lanes and puts the car on it, while time stands still.
+        """Build a road of two lanes and put the car on it, while time stands still.
 
         Args:
             level: a flat one.
@@ -356,13 +318,13 @@ class Link:
         self._limit(REPLY_LIMIT)
 
     def _connect(self, ego: Any) -> None:
-        """Connects to the car; BeamNGpy alone would wait for its first answer for ever."""
+        """Connect to the car; BeamNGpy alone would wait for its first answer for ever."""
         port = int(self._bng.vehicles.start_connection(ego, ego.extensions)["result"])
         ego.connection = _connection(self._bng.host, port, LOAD_LIMIT)
         ego.connect(self._bng)
 
     def unload(self) -> None:
-        """Removes the scene, if there is one."""
+        """Remove the scene, if there is one."""
         scenario, self._scenario, self._ego = self._scenario, None, None
         camera, self._camera = self._camera, None
         if scenario is not None:
@@ -402,7 +364,7 @@ class Link:
             return np.array([corners[name] for name in _CORNERS], dtype=float)
 
     def control(self, steering: float, throttle: float, brake: float, parking: float = 0.0) -> None:
-        """Steers, -1..1, and moves the pedals and the parking brake, 0..1.
+        """Steer, -1..1, and moves the pedals and the parking brake, 0..1.
 
         Steering passes by the filter of BeamNG.tech's Control message, which smooths as for a
         gamepad, the more the faster the car is.
@@ -417,7 +379,7 @@ class Link:
     # Its camera
 
     def open_camera(self, camera: Camera, ahead: float, left: float, up: float) -> None:
-        """Puts a camera on the car.
+        """Put a camera on the car.
 
         Args:
             camera: the camera; its lens has no distortion here.
@@ -443,18 +405,18 @@ class Link:
             )
 
     def picture(self) -> Image:
-        """What the camera sees now, (height, width, 3)."""
+        """Return what the camera sees now, (height, width, 3)."""
         with _asking("asking for the camera's picture"):
-            found = self._camera.poll().get("colour")
-        if found is None:
+            colours = self._camera.poll().get("colour")
+        if colours is None:
             raise BeamngError(
                 "the camera gives no picture: BeamNG.tech draws with a graphics card and its"
                 " licence only, and not with low graphics settings"
             )
-        return np.array(found, dtype=np.uint8)[..., :3]
+        return np.array(colours, dtype=np.uint8)[..., :3]
 
     def let_ai_drive(self, speed: float, aggression: float) -> None:
-        """Lets BeamNG.AI drive to the road's end in its lane, with a speed limit in m/s."""
+        """Let BeamNG.AI drive to the road's end in its lane, with a speed limit in m/s."""
         ai = self._ego.ai
         with _asking("calling BeamNG.AI"):
             self.control(0.0, 0.0, 0.0)
@@ -464,14 +426,14 @@ class Link:
             ai.set_waypoint(GOAL)
 
     def limit_ai(self, speed: float) -> None:
-        """Sets BeamNG.AI's speed limit in m/s."""
+        """Set BeamNG.AI's speed limit in m/s."""
         with _asking("calling BeamNG.AI"):
             self._ego.ai.set_speed(float(speed), mode="limit")
 
 
 @contextmanager
-def _asking(what: str) -> Iterator[None]:
-    """Turns every trouble with BeamNG.tech into an error that names the activity."""
+def _asking(subject: str) -> Iterator[None]:
+    """Turn every trouble with BeamNG.tech into an error that names the activity."""
     from beamngpy.logging import BNGDisconnectedError, BNGError, BNGValueError  # an extra
 
     try:
@@ -479,10 +441,10 @@ def _asking(what: str) -> Iterator[None]:
     except BeamngError:
         raise
     except TimeoutError as error:
-        raise BeamngError(f"BeamNG.tech did not answer in time, {what}") from error
+        raise BeamngError(f"BeamNG.tech did not answer in time, {subject}") from error
     except (BNGDisconnectedError, OSError) as error:
         raise BeamngError(
-            f"the connection to BeamNG.tech was lost, {what}: {describe_error(error)}"
+            f"the connection to BeamNG.tech was lost, {subject}: {describe_error(error)}"
         ) from error
     except (BNGError, BNGValueError) as error:
         text = " ".join(str(error).split())
@@ -491,10 +453,10 @@ def _asking(what: str) -> Iterator[None]:
                 "; install the version of beamngpy that belongs to this BeamNG.tech: 1.36 to 0.39,"
                 " a newer one to a newer one"
             )
-        raise BeamngError(f"BeamNG.tech reported an error, {what}: {text}") from error
+        raise BeamngError(f"BeamNG.tech reported an error, {subject}: {text}") from error
     except (AssertionError, AttributeError, ImportError, LookupError, TypeError, ValueError) as odd:
         raise BeamngError(
-            f"BeamNG.tech or beamngpy {version('beamngpy')} is not as Frenetic knows it, {what}:"
+            f"BeamNG.tech or beamngpy {version('beamngpy')} is not as Frenetic knows it, {subject}:"
             f" {describe_error(odd)}; Frenetic is tested with beamngpy 1.36, which belongs to"
             " BeamNG.tech 0.39"
         ) from odd
@@ -523,38 +485,3 @@ def _connection(host: str, port: int, limit: float) -> Any:
 
     connection.hello = hello
     return connection
-
-
-@contextmanager
-def _child_deaf_to_interrupt() -> Iterator[None]:
-    """Keeps a process started within from ending at our Ctrl-C, so that the drive is finished."""
-    is_main = threading.current_thread() is threading.main_thread()
-    if sys.platform == "win32" or not is_main:
-        yield
-        return
-    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGINT, before)
-
-
-def end_process(process: subprocess.Popen[bytes]) -> None:
-    """Ends a process that we started, even if it hangs."""
-    if process.stdin is not None:
-        with suppress(OSError):
-            process.stdin.close()
-    tree = partial(kill_tree, process.pid)  # what it has started would outlive it on Windows
-    ways = (None, tree) if sys.platform == "win32" else (None, process.terminate, process.kill)
-    for tell in ways:
-        if tell is not None:
-            tell()
-        with suppress(subprocess.TimeoutExpired):
-            process.wait(_QUIT_LIMIT)
-            return
-
-
-def _free_port() -> int:
-    with socket.socket(socket.AF_INET, socket.SOCK_STREAM) as probe:
-        probe.bind((LOOPBACK, 0))
-        return int(probe.getsockname()[1])

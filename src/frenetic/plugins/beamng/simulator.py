@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from types import TracebackType
 from typing import Annotated, Any, ClassVar, Final, Self
 
@@ -14,13 +14,13 @@ from msgspec import Meta
 
 from frenetic._support.bounds import Count, Finite, Positive, Text, check
 from frenetic.drivers import BeamngAi, Driver, DriveSetup
-from frenetic.drivers.camera import Image
 from frenetic.drivers.driver import camera_of, check_other_world, under_layers
 from frenetic.errors import DriverError, Trouble
 from frenetic.oracle.drive import CarBody, Drive, Rules, Trajectory
-from frenetic.plugins.beamng.link import STEPS_PER_SECOND, BeamngError, CarState, Link, place_of
+from frenetic.plugins.beamng.car import BeamngCar, MeasuredCar
+from frenetic.plugins.beamng.car_state import CarState
+from frenetic.plugins.beamng.link import BeamngError, Link, place_of
 from frenetic.road import Pose, Road
-from frenetic.road.geometry import project_near, reach_of
 from frenetic.simulators.capabilities import check_road
 from frenetic.simulators.checks import SimulatorCheck, drive_checks
 from frenetic.simulators.drive_loop import RECORD_PERIOD, follow
@@ -30,43 +30,14 @@ WALL_LIMIT: Final = 600.0
 """Default limit of a drive's wall time, in s."""
 LEVELS: Final = {"tech_ground": 0.0, "smallgrid": 0.0, "gridmap_v2": 100.0}
 """Levels with room for a flat map -> m, height of their ground."""
-WHEELBASE_PER_LENGTH: Final = 0.6
-"""Assumed share: BeamNG.tech does not report the axles."""
 
 _SETTLING: Final = 3.0  # s: a count-down passes, then the car comes to rest on its springs
 _SETTLINGS: Final = 3
 _AT_REST: Final = 0.1  # m/s
-_CREEP: Final = 0.3  # m/s, below which braking is left to the parking brake
 _ASTRAY: Final = 0.3  # m, the farthest from its place that a car may stand at the start
-_CLOCK_SHARE, _CLOCK_SLACK = 0.02, 0.01  # how far the clock may be off: of the time, and s
-_AI_DECELERATION: Final = 3.0  # m/s^2, with which BeamNG.AI is made to brake to a lower limit; ours
-_LIMIT_STEP: Final = 0.5  # m/s, least change of the limit that BeamNG.AI is told; ours
 _ACCELERATION, _DECELERATION = 4.0, 9.0  # m/s^2, what drivers are told of a car that is unknown
 
 logger = logging.getLogger(__name__)
-
-
-@dataclass(frozen=True)
-class MeasuredCar:
-    """A car as it was measured in BeamNG.tech, to the millimetre."""
-
-    length: float
-    """Length of its bounding box, in m."""
-    width: float
-    """Width of its bounding box, in m."""
-    ahead: float
-    """Distance by which the box's middle lies ahead of the car's position, in m."""
-    left: float
-    """Distance by which it lies to the left, in m."""
-    steering: float = 1.0
-    """Front wheels' angle at steering input 1, in rad; negative if that turns to the right."""
-    shown: float = 0.0
-    """Front wheels' angle that a reported steering input of 1 stands for; 0 if none is reported."""
-
-    @property
-    def wheelbase(self) -> float:
-        """Assumed distance between the axles, in m."""
-        return WHEELBASE_PER_LENGTH * self.length
 
 
 class BeamngSimulator:
@@ -183,13 +154,13 @@ class BeamngSimulator:
         return self.__dict__ | {"_link": None}
 
     def prepare(self) -> None:
-        """Measures the car if that is not done, for which BeamNG.tech is started and ended."""
+        """Measure the car if that is not done, for which BeamNG.tech is started and ended."""
         if self._measured is None:
             with self:
                 pass
 
     def __enter__(self) -> Self:
-        """Starts BeamNG.tech or connects to it, and measures the car unless that is done."""
+        """Start BeamNG.tech or connect to it, and measure the car unless that is done."""
         self._connect()
         try:
             if self._measured is None:
@@ -223,7 +194,7 @@ class BeamngSimulator:
                 link.close()
 
     def setup(self, road: Road) -> DriveSetup:
-        """The setup of a drive along the road for its driver."""
+        """Return the setup of a drive along the road for its driver."""
         car = self.measured
         return DriveSetup(
             speed_limit=self.rules.start_limit_on(road),
@@ -263,7 +234,14 @@ class BeamngSimulator:
         else:
             self._open_camera(driver)
         drive = follow(
-            _Car(self, road, by_ai=by_ai, has_camera=camera_of(driver) is not None),
+            BeamngCar(
+                self.link,
+                self.measured,
+                road,
+                LimitsAhead(road, self.rules),
+                by_ai=by_ai,
+                has_camera=camera_of(driver) is not None,
+            ),
             road,
             self.rules,
             self.car,
@@ -276,7 +254,7 @@ class BeamngSimulator:
         return drive
 
     def _finish(self) -> None:
-        """Removes the road; the drive counts even if that fails."""
+        """Remove the road; the drive counts even if that fails."""
         self._drives += 1
         self._is_worn = self._drives == self.restart_every
         try:
@@ -289,14 +267,14 @@ class BeamngSimulator:
         """Checks of the licence, and two drives of BeamNG.AI."""
         link, car = self.link, self.measured
         remedy = f"put tech.key into its user folder ({link.user_folder})"
-        found = "found" if link.is_licensed else "not found"
-        yield SimulatorCheck("licence", link.is_licensed, found, "" if link.is_licensed else remedy)
+        state = "found" if link.is_licensed else "not found"
+        yield SimulatorCheck("licence", link.is_licensed, state, "" if link.is_licensed else remedy)
         size = f"{car.length:g} by {car.width:g} m, steers by {abs(car.steering):.2f} rad"
         yield SimulatorCheck("car", True, f"{self.vehicle} in BeamNG.tech {link.version}, {size}")
         yield from drive_checks(self, BeamngAi(), who="BeamNG.AI")
 
     def check_driver(self, driver: Driver) -> None:
-        """Refuses options that BeamNG.AI or BeamNG.tech's camera lacks.
+        """Refuse options that BeamNG.AI or BeamNG.tech's camera lacks.
 
         Raises:
             DriverError: there is such an option.
@@ -310,7 +288,7 @@ class BeamngSimulator:
         check_other_world(driver, "BeamNG.tech")
 
     def _open_camera(self, driver: Driver) -> None:
-        """Puts the driver's camera on the car, which stands on its road."""
+        """Put the driver's camera on the car, which stands on its road."""
         camera = camera_of(driver)
         if camera is not None:
             car, height = self.measured, float(self.link.state().position[2]) - self.ground
@@ -336,7 +314,7 @@ class BeamngSimulator:
         return True
 
     def _load(self, road: Road, ahead: float, left: float) -> CarState:
-        """Builds a road and lets the car come to rest on it, its middle on the ego lane's centre.
+        """Build a road and let the car come to rest on it, its middle on the ego lane's centre.
 
         Args:
             road: what is built.
@@ -361,12 +339,12 @@ class BeamngSimulator:
         return state
 
     def _measure(self) -> None:
-        """Measures the car's box and its steering."""
+        """Measure the car's box and its steering."""
         self.link.require(self.level, self.vehicle)
         state = self._load(OPEN_FIELD, 0.0, 0.0)
         corners = self.link.box()
         pairs = ((corners[:4], corners[4:]), (corners[::2], corners[1::2]))
-        size = [np.linalg.norm(one.mean(axis=0) - other.mean(axis=0)) for one, other in pairs]
+        size = [np.linalg.norm(side.mean(axis=0) - other.mean(axis=0)) for side, other in pairs]
         away = corners.mean(axis=0) - state.position
         aside = np.cross(state.up, state.forward)
         car = MeasuredCar(
@@ -377,7 +355,7 @@ class BeamngSimulator:
         self.link.unload()
 
     def _with_steering(self, car: MeasuredCar) -> MeasuredCar:
-        """The car with its steering, from the circle that it drives slowly."""
+        """Return the car with its steering, from the circle that it drives slowly."""
         share, slow = 0.25, 3.0
         for _ in range(round(10.0 / RECORD_PERIOD)):
             self.link.control(share, 0.3, 0.0)
@@ -403,89 +381,6 @@ class BeamngSimulator:
         is_shown = abs(now.steering_input) > 0.2 * share
         shown = math.copysign(steering, steering * now.steering_input) if is_shown else 0.0
         return replace(car, steering=steering, shown=shown)
-
-
-class _Car:
-    """The car during one drive.
-
-    Args:
-        simulator: has placed it.
-        road: under it.
-        by_ai: whether BeamNG.AI drives it.
-        has_camera: whether it has a camera.
-    """
-
-    def __init__(
-        self, simulator: BeamngSimulator, road: Road, *, by_ai: bool, has_camera: bool
-    ) -> None:
-        self._link = simulator.link
-        self._road = road
-        self._limits = LimitsAhead(road, simulator.rules)
-        self._s, self._limit = 0.0, self._limits.at(0.0)[0]  # m along the road, m/s
-        self._car = simulator.measured
-        self._by_ai = by_ai
-        self._has_camera = has_camera
-        self._times: tuple[int, float] | None = None  # periods, and BeamNG.tech's time at the start
-        self._heading = self._speed = 0.0
-
-    def motion(self) -> list[float]:
-        """Its motion; with BeamNG.AI, its controls, too."""
-        state, car = self._link.state(), self._car
-        heading, yaw_rate = state.heading, 0.0
-        if self._times is None:
-            self._times = 0, state.time
-        else:
-            turned = wrap(heading - self._heading)
-            heading, yaw_rate = self._heading + turned, turned / RECORD_PERIOD
-        periods, began = self._times
-        self._check_clock(state.time - began, periods * RECORD_PERIOD)
-        self._times = periods + 1, began
-        x, y = state.place(car.ahead, car.left)
-        c, s = math.cos(heading), math.sin(heading)
-        # The velocity is that of the car's position; its middle swings round it.
-        vx = state.velocity[0] - yaw_rate * (car.ahead * s + car.left * c)
-        vy = state.velocity[1] + yaw_rate * (car.ahead * c - car.left * s)
-        self._heading, self._speed = heading, c * vx + s * vy
-        if self._by_ai and not self._limits.is_one:
-            self._limit_ai(x, y)
-        steering = car.shown * state.steering_input
-        motion = [x, y, heading, self._speed, c * vy - s * vx, yaw_rate, steering]
-        shown = [steering, state.throttle_input, state.brake_input]
-        return [*motion, *shown] if self._by_ai else motion
-
-    def _limit_ai(self, x: float, y: float) -> None:
-        """Tells BeamNG.AI the speed from which it can brake to the limits ahead."""
-        reach = reach_of(RECORD_PERIOD * abs(self._speed))
-        line = self._road.table, self._road.sub_step
-        self._s, _ = project_near(*line, x, y, self._s, reach)
-        limit = self._limits.speed_at(self._s, _AI_DECELERATION)
-        if abs(limit - self._limit) > _LIMIT_STEP:
-            self._link.limit_ai(limit)
-            self._limit = limit
-
-    def _check_clock(self, passed: float, due: float) -> None:
-        if abs(passed - due) > _CLOCK_SHARE * due + _CLOCK_SLACK:
-            raise BeamngError(
-                f"the clock of BeamNG.tech shows {passed:.3f} s after {due:.2f} s of steps: it does"
-                f" not keep {STEPS_PER_SECOND} steps per second"
-            )
-
-    def picture(self) -> Image | None:
-        """What the camera sees."""
-        return self._link.picture() if self._has_camera else None
-
-    def advance(self, steering: float, throttle: float, brake: float, seconds: float) -> None:
-        """Steers, unless BeamNG.AI does, and lets time pass."""
-        if not self._by_ai:
-            # The gearbox takes the brake of a car at rest for the wish to drive backwards.
-            holds = brake > 0.0 and throttle == 0.0 and self._speed < _CREEP
-            self._link.control(
-                min(max(steering / self._car.steering, -1.0), 1.0),
-                throttle,
-                0.0 if holds else brake,
-                1.0 if holds else 0.0,
-            )
-        self._link.step(seconds)
 
 
 OPEN_FIELD: Final = Road([0.0] * 13, pose=Pose(40.0, 100.0, 0.0))

@@ -38,7 +38,7 @@ from frenetic.plugins.bench.entrants import Entrant, entrant_parts, folder_names
 from frenetic.plugins.bench.presets import Preset
 from frenetic.plugins.bench.processes import run_all
 from frenetic.plugins.bench.runs import (
-    Run,
+    EntrantRun,
     RunState,
     RunTerms,
     compile_measures,
@@ -57,10 +57,10 @@ RECORD: Final = "bench.json"
 """Name of the file in a bench's folder that says what it was begun with."""
 LOCK: Final = "bench.lock"
 FILE: Final = "bench.toml"
-"""Name of the file in it that repeats it, see `frenetic.plugins.bench.file`."""
+"""Name of the file that repeats the bench, in its folder, see `frenetic.plugins.bench.file`."""
 
 OnProgress = Callable[[float, str], None]
-"""Told the spent share 0..1 of all runs' budgets, and the numbers in words."""
+"""Called with the spent share 0..1 of all runs' budgets, and the numbers in words."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -75,7 +75,7 @@ class Bench:
     repeats: Count = 10
     seed: Index = 1
     folder: Path = field(default_factory=lambda: defaults.new_folder(BENCHES))
-    """Its folder; a text is taken, too."""
+    """Folder of the bench; a text is taken, too."""
     preset: Preset | None = None
     """Edition of the competition whose figures stand beside its results."""
 
@@ -92,11 +92,11 @@ class Bench:
                 STRATEGIES.make_from(entrant.spec, entrant.options, available)
 
     @property
-    def runs(self) -> list[Run]:
+    def runs(self) -> list[EntrantRun]:
         """All runs; the first of every entrant come first, for early results of all."""
         names = folder_names(self.entrants)
         return [
-            Run(
+            EntrantRun(
                 entrant,
                 repeat,
                 self.seed + repeat - 1,
@@ -117,10 +117,10 @@ class Bench:
         return repeats_needed(len(self.entrants)) if len(self.entrants) > 1 else 1
 
     def states(self) -> list[RunState]:
-        """All runs with their results.
+        """Return all runs with their results.
 
         Raises:
-            CampaignError: one is damaged.
+            CampaignError: a run is damaged.
         """
         return [RunState(run, ending_of(run.folder)) for run in self.runs]
 
@@ -134,7 +134,7 @@ class Bench:
         on_end: Callable[[RunState], None] = lambda _: None,
         on_interrupt: Callable[[], None] | None = None,
     ) -> list[RunState]:
-        """Completes all runs; returns their states.
+        """Complete all runs; return their states.
 
         Each generator is built once beforehand, so an unbuildable one is noticed at once.
 
@@ -205,7 +205,7 @@ class Bench:
         return list(ends.values())
 
     def _require_in_place(self, folder: FolderInUse) -> None:
-        """Checks that nobody has moved or deleted the folder.
+        """Check that nobody has moved or deleted the folder.
 
         Raises:
             FreneticError: the folder was moved or deleted.
@@ -217,13 +217,13 @@ class Bench:
             raise FreneticError(f"{self.folder} {fate} while the bench ran: {advice}")
 
     def comparison(self) -> Comparison:
-        """The comparison of the entrants by their complete runs.
+        """Return the comparison of the entrants by their complete runs.
 
         Raises:
             FreneticError: no entrant has a complete run.
         """
         states = self.states()
-        groups: dict[str, list[Path]] = {one.name: [] for one in self.entrants}
+        groups: dict[str, list[Path]] = {entrant.name: [] for entrant in self.entrants}
         for state in states:
             if state.ending is not None:
                 groups[state.run.entrant.name].append(state.run.folder)
@@ -237,15 +237,15 @@ class Bench:
 
     @property
     def file(self) -> Path | None:
-        """Its file; None for parts without names, which came from Python."""
+        """File of the bench; None for parts without names, which came from Python."""
         return None if self.terms.tester.spec is None else self.folder / FILE
 
     def entries(self) -> dict[str, Any]:
-        """The entries of its file; those of the parts only if these have names."""
+        """Return the entries of the bench's file; parts that have no names are left out."""
         terms, spec = self.terms, self.terms.tester.spec
         return {
-            "generator": [one.word for one in self.entrants if not one.is_strategy],
-            "strategy": [one.word for one in self.entrants if one.is_strategy],
+            "generator": [entrant.word for entrant in self.entrants if not entrant.is_strategy],
+            "strategy": [entrant.word for entrant in self.entrants if entrant.is_strategy],
             **({} if spec is None else spec.driving_spec().entries()),
             "with": dict(terms.tester.terms.conditions),
             "map_size": terms.tester.terms.map_size,
@@ -263,7 +263,7 @@ class Bench:
         return {
             "version": 3,
             "entries": self.entries(),
-            "sources": {one.name: one.source() for one in self.entrants},
+            "sources": {entrant.name: entrant.source() for entrant in self.entrants},
             **tester.described,
             "rules": tester.simulator.rules.as_json(),
         }
@@ -277,25 +277,25 @@ class Bench:
             )
 
     def _require_same(self) -> None:
-        theirs, ours = read_record(self.folder), json.loads(json.dumps(self._record()))
-        for name, source in theirs.sources.items():
+        earlier, ours = read_record(self.folder), json.loads(json.dumps(self._record()))
+        for name, source in earlier.sources.items():
             if ours["sources"].get(name) != source:
                 raise FreneticError(
                     f"the source of {name} is not what the bench in {self.folder} was begun with:"
                     " restore it, or begin a new bench"
                 )
         for name in ("simulator", "driver"):
-            if changed := differences(name, getattr(theirs, name), ours[name]):
+            if changed := differences(name, getattr(earlier, name), ours[name]):
                 raise FreneticError(
                     f"{self.folder} holds a bench with another {name}: {'; '.join(changed)[:1000]};"
                     " restore it, or begin a new bench"
                 )
         for name, value in [*ours["entries"].items(), ("rules", ours["rules"])]:
-            told = theirs.rules if name == "rules" else theirs.entries.get(name)
-            if told != value:
+            earlier_value = earlier.rules if name == "rules" else earlier.entries.get(name)
+            if earlier_value != value:
                 raise FreneticError(
                     f"{self.folder} holds a bench with another {name}:"
-                    f" {json.dumps(told)[:200]}, not {json.dumps(value)[:200]}"
+                    f" {json.dumps(earlier_value)[:200]}, not {json.dumps(value)[:200]}"
                 )
 
     def _write(self) -> None:
@@ -306,11 +306,11 @@ class Bench:
         text = json.dumps(document, indent=1) + "\n"
         write_file(self.folder / RECORD, text, remedy="choose another place", durable=True)
         if self.file is not None:
-            what = "What ran in this folder; 'frenetic bench' with this file does it again."
-            write_entries({**self.entries(), **self._signed()}, self.file, what)
+            comment = "What ran in this folder; 'frenetic bench' with this file does it again."
+            write_entries({**self.entries(), **self._signed()}, self.file, comment)
 
     def _signed(self) -> dict[str, Any]:
-        """The entry with its user's signature of the code that its file names, if it can be."""
+        """Return the entry with its user's signature of the code in its file, if possible."""
         entries, tester = self.entries(), self.terms.tester
         assert tester.spec is not None
         others = entrant_parts(entries["generator"], entries["strategy"])
@@ -324,25 +324,25 @@ class Bench:
 
 
 def unusual_endings(states: Sequence[RunState]) -> list[str]:
-    """How runs ended that did not end by the budget, with the reasons, a line for each entrant."""
-    found: dict[str, list[RunState]] = {}
+    """Return a line for each entrant whose runs did not end by the budget, with the reasons."""
+    runs_of: dict[str, list[RunState]] = {}
     for state in states:
-        found.setdefault(state.run.entrant.name, []).append(state)
+        runs_of.setdefault(state.run.entrant.name, []).append(state)
     lines = []
-    for name, runs in found.items():
+    for name, runs in runs_of.items():
         endings = [state.ending for state in runs if state.ending is not None]
-        reasons = Counter(str(one) for one in endings if str(one) != End.OVER)
-        told = [f"{count} of {len(runs)} runs {why}" for why, count in reasons.most_common(3)]
-        if told:
-            lines.append(f"{name}: {'; '.join(told)}")
+        reasons = Counter(str(ending) for ending in endings if str(ending) != End.OVER)
+        texts = [f"{count} of {len(runs)} runs {why}" for why, count in reasons.most_common(3)]
+        if texts:
+            lines.append(f"{name}: {'; '.join(texts)}")
     return lines
 
 
-class Record(msgspec.Struct):
+class BenchRecord(msgspec.Struct):
     """What a bench was begun with, as far as going on needs it."""
 
     version: Literal[3]
-    """Of the file's form."""
+    """Version of the file's form."""
     entries: dict[str, Any]
     sources: dict[str, str | None]
     simulator: Any
@@ -350,15 +350,15 @@ class Record(msgspec.Struct):
     rules: Any
 
 
-def read_record(folder: Path | str) -> Record:
-    """What the bench in a folder was begun with.
+def read_record(folder: Path | str) -> BenchRecord:
+    """Return what the bench in a folder was begun with.
 
     Raises:
-        FreneticError: there is none, or it is damaged or of another version.
+        FreneticError: the folder holds no bench, or its record is damaged or of another version.
     """
     path = Path(folder) / RECORD
     try:
-        return read_json(path.read_bytes(), Record)
+        return read_json(path.read_bytes(), BenchRecord)
     except FileNotFoundError:
         raise FreneticError(f"{folder} holds no bench: give the folder of one") from None
     except (OSError, ValueError) as error:

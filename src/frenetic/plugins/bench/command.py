@@ -130,20 +130,20 @@ def bench(
 
 
 def _begun(context: click.Context, path: Path | None, out: Path | None) -> tuple[Bench, int | None]:
-    """The bench of a command line, and the workers that its file wants."""
+    """Return the bench of a command line, and the workers that its file wants."""
     from frenetic.campaign import new_folder
     from frenetic.plugins.bench.bench import BENCHES
     from frenetic.plugins.bench.file import read_bench
 
-    given = {n: context.params[n] for n in _ENTRIES if was_given(context, n)}
-    if {"generator", "strategy"} & given.keys():  # in the place of all that the file names
-        given |= {kind: context.params[kind] for kind in ("generator", "strategy")}
+    stated = {n: context.params[n] for n in _ENTRIES if was_given(context, n)}
+    if {"generator", "strategy"} & stated.keys():  # in the place of all that the file names
+        stated |= {kind: context.params[kind] for kind in ("generator", "strategy")}
     driving, here = Given.of(context), Path.cwd()
-    spec, entries = read_bench(path, given.get("preset"))
+    spec, entries = read_bench(path, stated.get("preset"))
     with as_usage_error():
         source = None if path is None else Source(path, spec, entries.parts)
-        entries = structs.replace(entries, **given)
-        is_named = path is None or "generator" in given
+        entries = structs.replace(entries, **stated)
+        is_named = path is None or "generator" in stated
         if is_named:
             driving = replace(driving, others=entries.parts)
         spec, folder = driving.trusted(
@@ -163,7 +163,7 @@ def _begun(context: click.Context, path: Path | None, out: Path | None) -> tuple
 
 
 def _run_advised(the_bench: Bench, resume: bool, workers: int | None, as_json: bool) -> None:
-    """Runs a bench; after Ctrl-C the command that goes on with it is printed."""
+    """Run a bench; after Ctrl-C the command that goes on with it is printed."""
     from frenetic.plugins.bench.bench import RECORD
 
     try:
@@ -176,7 +176,7 @@ def _run_advised(the_bench: Bench, resume: bool, workers: int | None, as_json: b
 
 
 def _next_command(the_bench: Bench) -> str:
-    """The command that goes on with a bench."""
+    """Return the command that goes on with a bench."""
     return f"frenetic bench --resume --out {shell(the_bench.folder)}"
 
 
@@ -271,7 +271,7 @@ def _show_results(the_bench: Bench, states: Sequence[RunState], log: Log, as_jso
 
 
 def _print_published(the_bench: Bench, comparison: Comparison) -> None:
-    """Prints the figures of a bench's preset beside those of its entrants."""
+    """Print the figures of a bench's preset beside its entrants' figures."""
     from frenetic.plugins.bench.presets import COLUMNS, measured
 
     if (preset := the_bench.preset) is None:

@@ -40,7 +40,7 @@ class Entrant:
     """Folder of which every run of a generator gets a copy as its working directory. A path or file
     in it stands for its copy."""
     pipeline: Path | None = None
-    """Folder with the pipeline's modules; by default that of the generator or one around it."""
+    """Folder with the pipeline's modules; by default the generator's folder or one around it."""
     python: Path | None = None
     """The interpreter of a generator; by default the current one."""
     options: Mapping[str, Any] = field(default_factory=dict)
@@ -106,7 +106,7 @@ class Entrant:
         return None
 
     def as_json(self) -> dict[str, Any]:
-        """The entrant as a JSON object."""
+        """Return the entrant as a JSON object."""
         recorded: dict[str, Any] = msgspec.to_builtins(self, enc_hook=str)  # a path as a text
         return recorded | {"source": self.source()}
 
@@ -118,7 +118,7 @@ class Entrant:
         return part_word(self.spec, {**options, **self.options, "name": self.name})
 
     def absolute(self, folder: Path) -> Entrant:
-        """The same, for use elsewhere, of one whose files go from a folder.
+        """Return the same, for use elsewhere, of one whose files go from a folder.
 
         Raises:
             FreneticError: it is a module, which has no path.
@@ -147,7 +147,7 @@ def entrant_parts(generator: Iterable[str], strategy: Iterable[str]) -> Parts:
 
     Args:
         generator: the generators as on the command line.
-        strategy: the strategies likewise.
+        strategy: texts of the strategies.
 
     Raises:
         ValueError: a text says no entrant.
@@ -167,13 +167,13 @@ def folder_names(entrants: Sequence[Entrant]) -> dict[str, str]:
     Raises:
         FreneticError: two have the same name.
     """
-    found: dict[str, str] = {}
+    folders: dict[str, str] = {}
     for entrant in entrants:
-        if entrant.name in found:
+        if entrant.name in folders:
             raise FreneticError(f"two take part as {entrant.name!r}: give one of them another name")
         plain = re.sub(r"[^A-Za-z0-9_-]+", "-", entrant.name).strip("-").lower() or "entrant"
         folder, number = plain, 2
-        while folder in found.values():
+        while folder in folders.values():
             folder, number = f"{plain}-{number}", number + 1
-        found[entrant.name] = folder
-    return found
+        folders[entrant.name] = folder
+    return folders

@@ -9,14 +9,13 @@ from __future__ import annotations
 import json
 from collections.abc import Iterator, Mapping
 from contextlib import chdir
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final
 
 from msgspec import Struct, convert, structs
 
 from frenetic._support.bounds import Count, Index, Positive
-from frenetic._support.files import read_bounded
-from frenetic._support.outside_text import read_toml
 from frenetic._support.words import parse_duration, read_part
 from frenetic.campaign.tester import RoadTester
 from frenetic.errors import FreneticError
@@ -28,6 +27,7 @@ from frenetic.plugins.bench.presets import find_preset
 from frenetic.plugins.bench.recipes import find_recipe
 from frenetic.plugins.bench.runs import RunTerms
 from frenetic.spec import SIGNED, USUAL, Signed, Spec
+from frenetic.spec.files import read_table
 from frenetic.spec.terms import Terms
 
 
@@ -35,38 +35,38 @@ class BenchFile(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """The entries of a bench's file beside those that say how roads are driven."""
 
     generator: tuple[str, ...] = ()
-    """As on the command line: ``"wiggly.py:Wiggly,name=Wiggly"``."""
+    """Generators as on the command line: ``"wiggly.py:Wiggly,name=Wiggly"``."""
     strategy: tuple[str, ...] = ()
-    """Likewise; all built-in ones if there is no entrant at all."""
+    """Strategies as on the command line; all built-in ones if the bench has no entrant."""
     simulations: Count = 200
     """Budget of each run, in drives."""
     seconds_per_test: Positive = 36.0
     """Virtual time that a drive costs, in s."""
     patience: Positive | str = "10m"
-    """A generator that asks for no test so long is ended."""
+    """Time after which a generator that asks for no test is ended."""
     repeats: Count = 10
     seed: Index = 1
-    """Of the first run of each."""
+    """Seed of the first run of each entrant."""
     workers: Count | None = None
-    """Runs at once."""
+    """Number of runs at once."""
     preset: str | None = None
     """Edition of the competition, see `frenetic.plugins.bench.presets`; entries of the file win."""
 
     @property
     def parts(self) -> Parts:
-        """The entrants, as `frenetic.parts.trust` takes them.
+        """Entrants, as `frenetic.parts.trust` takes them.
 
         Raises:
-            ValueError: a text says none.
+            ValueError: a text names no entrant.
         """
         return entrant_parts(self.generator, self.strategy)
 
     def entrants(self) -> tuple[Entrant, ...]:
-        """The entrants.
+        """Return the entrants.
 
         Raises:
-            ValueError: one is none.
-            FreneticError: likewise, or its files are not there.
+            ValueError: a text names no entrant, or has an unknown option.
+            FreneticError: there is no such published generator, or its files are missing.
         """
         entrants = (*map(self._generator, self.generator), *map(_strategy, self.strategy))
         return entrants or tuple(_built_in())
@@ -74,13 +74,14 @@ class BenchFile(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     def bench(
         self, spec: Spec, folder: Path | str, entrants: tuple[Entrant, ...] | None = None
     ) -> Bench:
-        """The bench of a spec, in a folder; by default with the entrants of the file.
+        """Return the bench of a spec, in a folder; by default with the entrants of the file.
 
         Raises:
-            ValueError: an entry is wrong.
+            ValueError: an entry has a value that is not allowed.
             FreneticError: a part cannot be made, or a value is out of range.
         """
-        terms = Terms(map_size=spec.terms.map_size, conditions=spec.conditions)
+        # Generators know two lanes of 4 m and the competition's rules of roads alone.
+        terms = replace(spec.terms, lane_width=Terms().lane_width, road_class=None)
         return Bench(
             entrants=self.entrants() if entrants is None else entrants,
             terms=RunTerms(
@@ -97,7 +98,7 @@ class BenchFile(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
         )
 
     def _generator(self, text: str) -> Entrant:
-        """A generator by its class, or a published one by its name."""
+        """Return a generator by its class, or a published one by its name."""
         spec, options, name = _read(text)
         if unknown := [option for option in options if option not in PLACES]:
             raise ValueError(
@@ -131,7 +132,7 @@ def _built_in() -> Iterator[Entrant]:
 
 
 def _read(text: str) -> tuple[str, dict[str, Any], str | None]:
-    """Spec, options and name of an entrant."""
+    """Return spec, options and name of an entrant."""
     spec, options = read_part(text)
     if spec is None:
         raise ValueError(f"{text}: a name is needed before the options")
@@ -144,21 +145,21 @@ _DRIVING: Final = (
     *("driver", "simulator", "with", "speed_limit", "oob_tolerance", "criteria", "wall_limit"),
     *("roads", "map_size", "objective", SIGNED),
 )
-"""Entries of a bench's file that are those of a spec."""
+"""Entries of a bench's file that belong to its spec."""
 _USUAL: Final = {name: USUAL[name] for name in ("driver", "simulator")}
 
 
 def read_bench(path: Path | None, preset: str | None = None) -> tuple[Spec, BenchFile]:
-    """The spec of a bench's file, and its other entries.
+    """Return the spec of a bench's file, and its other entries.
 
     Args:
-        path: of the file; None for the defaults alone.
-        preset: that holds below the file, in place of the one that the file names.
+        path: path of the file; None for the defaults alone.
+        preset: preset that holds below the file, in place of the one that the file names.
 
     Raises:
         FreneticError: there is no such file or preset, or the file is wrong.
     """
-    entries = {} if path is None else _read_file(path)
+    entries = {} if path is None else read_table(path, "a bench")
     preset = preset or entries.get("preset")
     usual: Mapping[str, Any] = {}
     if preset is not None:
@@ -171,41 +172,33 @@ def read_bench(path: Path | None, preset: str | None = None) -> tuple[Spec, Benc
         raise FreneticError(f"{path} does not say a bench: {error}") from None
 
 
-def _read_file(path: Path) -> dict[str, Any]:
-    data = read_bounded(path)
-    try:
-        return read_toml(data)
-    except ValueError as error:
-        raise FreneticError(f"{path} does not say a bench: {error}") from None
-
-
 def _split(entries: Mapping[str, Any]) -> tuple[Spec, BenchFile]:
-    """The spec in the entries of a bench's file, and the others.
+    """Return the spec in the entries of a bench's file, and the other entries.
 
     Raises:
-        ValueError: one is unknown, of another kind or out of range.
+        ValueError: an entry is unknown, of another kind or out of range.
         FreneticError: there are no such roads, criteria or quantities.
     """
-    own = {name: value for name, value in entries.items() if name in _OWN}
+    bench_entries = {name: value for name, value in entries.items() if name in _OWN}
     said = {name: value for name, value in entries.items() if name not in _OWN}
     if unknown := [name for name in said if name not in _DRIVING]:
         known = sorted({*_OWN, *_DRIVING})
         raise ValueError(f"there is no entry {unknown[0]!r}{hint(unknown[0], known)}")
     spec = Spec.of(_USUAL, said)
     signed = convert(said.get(SIGNED), Signed | None)
-    return structs.replace(spec, signed=signed), convert(own, BenchFile)
+    return structs.replace(spec, signed=signed), convert(bench_entries, BenchFile)
 
 
 def open_bench(folder: Path | str, *, is_trusted: bool = False) -> Bench:
-    """The bench in a folder, by its file.
+    """Return the bench in a folder, by its file.
 
     Args:
-        folder: of the bench.
+        folder: folder of the bench.
         is_trusted: whether its user trusts the code that it names, from now on.
 
     Raises:
-        FreneticError: there is none, it is damaged, it names code that is not loaded unasked
-            (`frenetic.parts.trust`), or it was begun from Python.
+        FreneticError: the folder holds no bench, or a damaged one; the bench was begun from Python;
+            or it names code that is not loaded unasked (`frenetic.parts.trust`).
     """
     path = Path(folder) / FILE
     if "driver" not in read_record(folder).entries:
@@ -215,8 +208,10 @@ def open_bench(folder: Path | str, *, is_trusted: bool = False) -> Bench:
         )
     spec, entries = read_bench(path)
     try:
-        how: Any = {"is_trusted": is_trusted, "is_toml": True, "optional": ()}
-        with chdir(spec.require_trusted(path, others=entries.parts, **how)):
+        trusted_folder = spec.require_trusted(
+            path, others=entries.parts, is_trusted=is_trusted, is_toml=True, optional=()
+        )
+        with chdir(trusted_folder):
             return entries.bench(spec, folder)
     except ValueError as error:
         raise FreneticError(f"{path}: {error}") from None

@@ -63,7 +63,7 @@ class GeneratorProcess:
         self._received: queue.SimpleQueue[bytes] = queue.SimpleQueue()
 
     def __enter__(self) -> Self:
-        """Starts the process.
+        """Start the process.
 
         Raises:
             OSError: it cannot be started.
@@ -100,7 +100,7 @@ class GeneratorProcess:
         return self
 
     def __exit__(self, *_: object) -> None:
-        """Ends the process and the rest of its group."""
+        """End the process and the rest of its group."""
         # The process id stays taken until it is waited for, so the group is surely its own.
         kill_process(self._process)
         self._process.wait()
@@ -112,7 +112,7 @@ class GeneratorProcess:
             thread.join(_LEAVING_LIMIT)
 
     def send(self, message: Mapping[str, Any]) -> None:
-        """Sends an object.
+        """Send an object.
 
         Raises:
             GeneratorLostError: the process has gone.
@@ -125,7 +125,7 @@ class GeneratorProcess:
             raise GeneratorLostError(self._ending()) from error
 
     def receive(self, timeout: float) -> dict[str, Any] | None:
-        """The next object; None if none comes within so many s.
+        """Return the next object; None if none comes within so many s.
 
         Raises:
             GeneratorLostError: the process has gone or sent something else.
@@ -145,7 +145,7 @@ class GeneratorProcess:
         return message
 
     def _received_line(self, timeout: float) -> bytes | None:
-        """The next line, empty if there are no more; None if none comes in time."""
+        """Return the next line, empty if there are no more; None if none comes in time."""
         deadline = time.monotonic() + timeout
         while True:
             # A forked child may keep the connection open after the process has ended.
@@ -167,7 +167,7 @@ class GeneratorProcess:
         self._received.put(b"")
 
     def _keep(self, stream: IO[bytes]) -> None:
-        """Writes the generator's output into its file, up to a limit, and closes the stream."""
+        """Write the generator's output into its file, up to a limit, and close the stream."""
         room = MOST_LOGGED
         with suppress(OSError, ValueError), stream, self._log.open("wb", buffering=0) as file:
             while data := stream.read1(65536):  # type: ignore[attr-defined]

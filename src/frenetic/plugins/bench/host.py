@@ -2,7 +2,7 @@
 
 It needs Python 3.9 and numpy alone and imports nothing of Frenetic, whose name a generator may have
 for a package of its own. A generator finds the pipeline's modules and an executor whose time is
-virtual. The modules are those of the clone of the pipeline that holds the generator, which need
+virtual. The modules come from the clone of the pipeline that holds the generator, which need
 shapely and matplotlib; for a lone file there are stand-ins.
 
 The process and the bench send each other JSON objects, a line each. The bench sends the terms
@@ -85,7 +85,7 @@ def _empty_class(name: str) -> type:
     return _Empty(name, (), {"__init__": lambda *_, **__: None})
 
 
-class Bench:
+class BenchClient:
     """The other end, and its count of the virtual time; this process ends when it has gone."""
 
     def __init__(self) -> None:
@@ -112,7 +112,7 @@ class Bench:
         self.running: tuple[Any, dict[str, Any]] | None = None
         """The test that is being executed, and what the bench has answered."""
 
-    def __deepcopy__(self, memo: dict[int, Any]) -> Bench:
+    def __deepcopy__(self, memo: dict[int, Any]) -> BenchClient:
         """Return itself: budgets are copied with it."""
         return self
 
@@ -180,7 +180,7 @@ def points_of(test: Any) -> list[Any] | None:
     return points.tolist()  # type: ignore[no-any-return]
 
 
-def make_executor(bench: Bench, *, is_2021: bool) -> Any:
+def make_executor(bench: BenchClient, *, is_2021: bool) -> Any:
     """Return an executor of the pipeline that is on the module path, with the bench behind it.
 
     Args:
@@ -284,8 +284,8 @@ class GeneratorError(Exception):
 
 
 @contextmanager
-def _reported(what: str) -> Iterator[None]:
-    """Turns whatever a generator raises meanwhile into one line."""
+def _reported(action: str) -> Iterator[None]:
+    """Turn whatever a generator raises meanwhile into one line."""
     try:
         yield
     except BaseException as error:
@@ -297,10 +297,10 @@ def _reported(what: str) -> Iterator[None]:
             why += f"; install it for {sys.executable}, or give its folder as path"
             if str(error.name).partition(".")[0] in ("code_pipeline", "self_driving"):
                 why = f"{error}; give the folder of a clone of the pipeline as pipeline"
-        raise GeneratorError(f"{what} fails: {why}") from None
+        raise GeneratorError(f"{action} fails: {why}") from None
 
 
-def build(bench: Bench) -> Any:
+def build(bench: BenchClient) -> Any:
     """Return the generator, built as the pipeline of its year does it.
 
     Raises:
@@ -350,7 +350,7 @@ def build(bench: Bench) -> Any:
     return generator
 
 
-def _overlaps(bench: Bench, road: Any) -> bool:
+def _overlaps(bench: BenchClient, road: Any) -> bool:
     """Whether a road overlaps itself; the pipeline's own answer is the same and takes up to 5 s."""
     left, right = ([[float(v) for v in at[:2]] for at in edge] for edge in (road.left, road.right))
     return bool(bench.ask("overlaps", left=left, right=right)["overlaps"])
@@ -368,7 +368,7 @@ def _load_file(file: Path) -> ModuleType:
     return module
 
 
-def run(bench: Bench) -> tuple[str, str]:
+def run(bench: BenchClient) -> tuple[str, str]:
     """Build and start a generator; return how it ends, an `End` of the bench, and a line."""
     try:
         generator = build(bench)
@@ -391,13 +391,13 @@ if __name__ == "__mp_main__":  # a process that a generator has spawned
     sys.meta_path.append(Unused())
 
 if __name__ == "__main__":
-    the_bench = Bench()
+    the_bench = BenchClient()
     logging.basicConfig(
         level=logging.INFO, format="%(asctime)s %(levelname)s %(message)s", stream=sys.stderr
     )
-    how, detail = run(the_bench)
+    end, detail = run(the_bench)
     logging.shutdown()
     for output in (sys.stdout, sys.stderr):
         output.flush()
-    the_bench.send(kind="end", how=how, detail=detail, seconds=the_bench.seconds())
+    the_bench.send(kind="end", how=end, detail=detail, seconds=the_bench.seconds())
     os._exit(0)  # without waiting for the generator's threads

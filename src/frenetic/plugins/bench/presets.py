@@ -22,7 +22,7 @@ COLUMNS: Final = ("runs", "tests", "valid", "failures", "per 100 valid", "sparse
 """Headings of `Figures.cells`."""
 
 
-class Figures(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+class PublishedFigures(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """Figures of a tool: means of its runs, as far as they are known."""
 
     tool: str
@@ -69,7 +69,7 @@ class Preset(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """Entries of a bench's file."""
     differs: dict[str, str]
     """Name of an entry -> how its value differs from the edition's."""
-    published: tuple[Figures, ...]
+    published: tuple[PublishedFigures, ...]
     sources: dict[str, str]
     """Name -> where figures were published."""
 
@@ -77,13 +77,13 @@ class Preset(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
         """Name of each entry in which a bench differs from the edition -> how it does.
 
         Args:
-            entries: of the bench; those of parts without names are not there.
+            entries: entries of the bench; parts without names have none.
         """
-        found = dict(self.differs)
+        differences = dict(self.differs)
         for name, value in self.bench.items():
             if name in entries and entries[name] != value:
-                found[name] = f"{entries[name]} is given, where the preset has {value}"
-        return found
+                differences[name] = f"{entries[name]} is given, where the preset has {value}"
+        return differences
 
 
 PRESETS: Final[Mapping[str, Preset]] = {
@@ -96,7 +96,7 @@ PRESETS: Final[Mapping[str, Preset]] = {
 
 
 def find_preset(name: str) -> Preset:
-    """The preset of a name.
+    """Return the preset of a name.
 
     Raises:
         UnknownNameError: there is none.
@@ -108,14 +108,14 @@ def find_preset(name: str) -> Preset:
     return PRESETS[name]
 
 
-def measured(comparison: Comparison) -> list[Figures]:
-    """The figures of a bench's entrants, in the order of the comparison."""
+def measured(comparison: Comparison) -> list[PublishedFigures]:
+    """Return the figures of a bench's entrants, in the order of the comparison."""
     figures = []
     for name in comparison.headline.order:
         runs = comparison.groups[name]
         sparse = [r.competition_sparseness for r in runs if math.isfinite(r.competition_sparseness)]
         figures.append(
-            Figures(
+            PublishedFigures(
                 tool=name,
                 runs=len(runs),
                 tests=fmean(run.simulations + run.counts.invalid for run in runs),

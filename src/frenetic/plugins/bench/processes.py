@@ -13,8 +13,8 @@ from typing import Final
 from threadpoolctl import threadpool_limits
 
 from frenetic.campaign.summary import Progress, Summary
-from frenetic.plugins.bench.runs import Run, RunState, RunTerms, run_entrant
-from frenetic.plugins.bench.strategy import Ending
+from frenetic.plugins.bench.runs import EntrantRun, RunState, RunTerms, run_entrant
+from frenetic.plugins.bench.strategy import RunEnding
 from frenetic.processes.interrupt import catch_interrupt
 from frenetic.processes.object_host import report
 from frenetic.processes.object_process import (
@@ -34,13 +34,13 @@ logger = logging.getLogger(__name__)
 
 
 def run_all(
-    runs: Iterable[Run],
+    runs: Iterable[EntrantRun],
     terms: RunTerms,
     *,
     workers: int,
     on_interrupt: Callable[[], None] | None = None,
-) -> Generator[tuple[Run, Summary | RunState]]:
-    """Runs all, several at once; gives the messages of each, at last its state.
+) -> Generator[tuple[EntrantRun, Summary | RunState]]:
+    """Run all, several at once; gives the messages of each, at last its state.
 
     After the first Ctrl-C no run begins and running ones are finished; the second ends them at
     once, as closing the generator does.
@@ -50,7 +50,7 @@ def run_all(
     """
     packed, workers = pack(_Runner(terms)), min(workers, MOST_WORKERS)
     waiting = deque(runs)
-    at_work: dict[ObjectProcess, Run] = {}
+    at_work: dict[ObjectProcess, EntrantRun] = {}
     with catch_interrupt(on_interrupt) as interrupt:
         try:
             while at_work or (waiting and not interrupt.requested):
@@ -60,8 +60,8 @@ def run_all(
                     at_work[worker] = run
                     worker.start()
                     # Its process is in the folder of the parts.
-                    theirs = replace(run, folder=run.folder.absolute())
-                    worker.send("run", theirs, limit=math.inf, answer=Ending, report=Progress)
+                    absolute = replace(run, folder=run.folder.absolute())
+                    worker.send("run", absolute, limit=math.inf, answer=RunEnding, report=Progress)
                 for worker in ready(at_work, _POLL):
                     run = at_work[worker]
                     try:
@@ -75,7 +75,7 @@ def run_all(
                             continue
                         worker.kill()
                         del at_work[worker]
-                        is_end = isinstance(message, Ending)
+                        is_end = isinstance(message, RunEnding)
                         yield run, RunState(run, message) if is_end else message
         finally:
             for worker in at_work:
@@ -89,11 +89,11 @@ class _Runner:
         self._terms = terms
 
     def start(self) -> None:
-        """Leaves the other cores to the other runs."""
+        """Leave the other cores to the other runs."""
         threadpool_limits(1)
 
-    def run(self, run: Run) -> Ending:
-        """Runs an entrant and reports its progress."""
+    def run(self, run: EntrantRun) -> RunEnding:
+        """Run an entrant and report its progress."""
         reported_at = 0.0  # [s], on the monotonic clock
 
         def say(progress: Summary) -> None:

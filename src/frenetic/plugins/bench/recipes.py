@@ -30,7 +30,7 @@ class Recipe(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     path: str = "."
     """Folder on the module path, in that one."""
     copy: str | None = None
-    """Folder that each run works in a copy of, likewise."""
+    """Folder of which each run works in a copy, relative to the generator's files."""
     packages: tuple[str, ...] = ()
     """What it needs beside numpy, scipy, shapely and matplotlib, in the versions that ran."""
     files: dict[str, str] = field(default_factory=dict)
@@ -42,7 +42,7 @@ class Recipe(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     def entrant(
         self, folder: Path | str, *, python: Path | str | None = None, name: str | None = None
     ) -> Entrant:
-        """The entrant of a bench.
+        """Return the entrant of a bench.
 
         Args:
             folder: with the files of the source.
@@ -59,9 +59,9 @@ class Recipe(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
                 f"{str(folder)!r} does not hold {self.title}: {place.with_suffix('.py')} is not"
                 f" there; its path must be a folder with the files of {self.source}"
             )
-        for file, what in self.files.items():
+        for file, content in self.files.items():
             if not (folder / file).exists():
-                raise FreneticError(f"{self.title} needs {str(folder / file)!r}: {what}")
+                raise FreneticError(f"{self.title} needs {str(folder / file)!r}: {content}")
         return Entrant(
             name=self.title if name is None else name,
             spec=self.spec,
@@ -73,13 +73,13 @@ class Recipe(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     @property
     def needs(self) -> str:
         """What has to be there beside its files, for people."""
-        needs = [*self.packages, *(f"{file} ({what})" for file, what in self.files.items())]
+        needs = [*self.packages, *(f"{file} ({content})" for file, content in self.files.items())]
         if self.seconds_per_test:
             needs.append(f"{self.seconds_per_test:g} s per test")
         return "; ".join(filter(None, (", ".join(needs), self.note)))
 
     def check(self, seconds_per_test: float) -> None:
-        """Checks the cost of a drive.
+        """Check the cost of a drive.
 
         Raises:
             FreneticError: the generator would wait for ever at its end.
@@ -100,7 +100,7 @@ RECIPES: Final[Mapping[str, Recipe]] = {
 
 
 def find_recipe(name: str) -> Recipe:
-    """The recipe of a name.
+    """Return the recipe of a name.
 
     Raises:
         UnknownNameError: there is none.

@@ -18,7 +18,7 @@ PAGE: Final = "index.html"
 
 
 def write_results(bench: Bench, comparison: Comparison) -> Path:
-    """Writes the page into a bench's folder; returns it.
+    """Write the page into a bench's folder; returns it.
 
     Args:
         bench: whose folder it is.
@@ -40,7 +40,7 @@ def write_results(bench: Bench, comparison: Comparison) -> Path:
 
 
 def _published(bench: Bench, comparison: Comparison) -> Iterator[Section]:
-    """The figures of a bench's preset beside those of its entrants."""
+    """Yield the figures of a bench's preset beside its entrants' figures."""
     if (preset := bench.preset) is None:
         return
     columns = ("", *COLUMNS, "from")

@@ -21,6 +21,7 @@ from frenetic._support.json_value import JSONValue
 from frenetic._support.words import part_word
 from frenetic.analysis.sparseness import largest_distances, unlike_lines
 from frenetic.campaign.campaign import Campaign
+from frenetic.campaign.configuration import Owner
 from frenetic.campaign.database import DATABASE
 from frenetic.campaign.objective import MOOBD, Objective
 from frenetic.campaign.store import CampaignStore
@@ -32,8 +33,8 @@ from frenetic.plugins.bench.entrants import Entrant
 from frenetic.plugins.bench.generator import GeneratorProcess
 from frenetic.plugins.bench.strategy import (
     End,
-    Ending,
     GeneratorStrategy,
+    RunEnding,
 )
 from frenetic.road import Road, check_validity
 from frenetic.road.validity import interpolate, min_radius, overlaps_itself
@@ -41,9 +42,9 @@ from frenetic.search import Strategy
 from frenetic.spec import Budget
 
 WORK: Final = "work"
-"""Folder in a run's that is its generator's working directory."""
+"""Folder, in a run's folder, that is its generator's working directory."""
 RESULTS: Final = "results"
-"""Folder in that one that a generator sees as the pipeline's results folder."""
+"""Folder, in `WORK`, that a generator sees as the pipeline's results folder."""
 GENERATOR_LOG: Final = "generator.log"
 """File with the output of a run's generator."""
 _NEVER_COPIED: Final = (".git", "__pycache__")
@@ -81,7 +82,7 @@ class RunTerms:
 
 
 @dataclass(frozen=True)
-class Run:
+class EntrantRun:
     """One entrant with one seed."""
 
     entrant: Entrant
@@ -100,14 +101,14 @@ class Run:
 class RunState:
     """A run and its result."""
 
-    run: Run
-    ending: Ending | None
-    """None if it is not complete."""
+    run: EntrantRun
+    ending: RunEnding | None
+    """End of the run; None if it is not complete."""
     trouble: str = ""
     """Reason why the last try did not complete it, in one line."""
 
     def as_json(self) -> dict[str, JSONValue]:
-        """The run as a JSON object."""
+        """Return the run as a JSON object."""
         return {
             "generator": self.run.entrant.name,
             "run": self.run.repeat,
@@ -117,14 +118,16 @@ class RunState:
         }
 
 
-def run_entrant(run: Run, terms: RunTerms, on_progress: OnProgress | None = None) -> Ending:
-    """Runs an entrant until its budget is spent, or until it ends otherwise.
+def run_entrant(
+    run: EntrantRun, terms: RunTerms, on_progress: OnProgress | None = None
+) -> RunEnding:
+    """Run an entrant until its budget is spent, or until it ends otherwise.
 
     The folder becomes a campaign's. An interrupted run begins again.
 
     Args:
         run: the entrant, its seed, and a folder of this run alone.
-        terms: those of the bench.
+        terms: terms of the bench.
         on_progress: called after every test.
 
     Raises:
@@ -140,8 +143,8 @@ def run_entrant(run: Run, terms: RunTerms, on_progress: OnProgress | None = None
     facts: dict[str, Any] = {"seconds_per_test": terms.seconds_per_test}
     if run.entrant.is_strategy:
         available = {"seed": run.seed, "map_size": terms.tester.terms.map_size}
-        own: Strategy = STRATEGIES.make_from(run.entrant.spec, run.entrant.options, available)
-        ending = _search(_campaign(run, terms, own), on_progress)
+        searcher: Strategy = STRATEGIES.make_from(run.entrant.spec, run.entrant.options, available)
+        ending = _search(_campaign(run, terms, searcher), on_progress)
     else:
         with hosted(run, terms) as strategy:
             campaign = _campaign(run, terms, strategy, {"strategy": _described(run)})
@@ -149,15 +152,15 @@ def run_entrant(run: Run, terms: RunTerms, on_progress: OnProgress | None = None
             if ending is None or ending.end is not End.GAVE_UP:
                 ending = strategy.dismiss()
         facts["strategy_seconds"] = round(strategy.computing, 4)
-    ending = ending or Ending(End.OVER)
+    ending = ending or RunEnding(End.OVER)
     facts[FACT] = msgspec.to_builtins(ending)
     with CampaignStore.open(run.folder, readonly=False) as store:
         store.finish(finished_at=store.facts["finished_at"], **facts)
     return ending
 
 
-def ending_of(folder: Path) -> Ending | None:
-    """End of the run in a folder; None if it is not complete.
+def ending_of(folder: Path) -> RunEnding | None:
+    """Return the end of the run in a folder; None if it is not complete.
 
     Raises:
         CampaignError: its campaign is damaged.
@@ -167,19 +170,19 @@ def ending_of(folder: Path) -> Ending | None:
     with CampaignStore.open(folder) as store:
         fact = store.facts.get(FACT)
     try:
-        return msgspec.convert(fact, Ending)
+        return msgspec.convert(fact, RunEnding)
     except msgspec.ValidationError:
         return None
 
 
 @contextmanager
-def hosted(run: Run, terms: RunTerms) -> Iterator[GeneratorStrategy]:
+def hosted(run: EntrantRun, terms: RunTerms) -> Iterator[GeneratorStrategy]:
     """A generator in its own process; its ``ending`` tells if it could not be built.
 
     Args:
         run: the generator, the seed of `random` and numpy in its process, and the folder for its
             working directory and output.
-        terms: those of the bench.
+        terms: terms of the bench.
 
     Raises:
         OSError: its folder cannot be copied, or its process cannot be started.
@@ -208,15 +211,15 @@ def hosted(run: Run, terms: RunTerms) -> Iterator[GeneratorStrategy]:
 
 
 def try_out(entrant: Entrant, terms: RunTerms, seed: int) -> None:
-    """Builds a generator once.
+    """Build a generator once.
 
     Raises:
-        FreneticError: it cannot be built.
+        FreneticError: the generator cannot be built.
     """
     with TemporaryDirectory(prefix="frenetic-bench-", ignore_cleanup_errors=True) as place:
         folder = Path(place)
         try:
-            with hosted(Run(entrant, 1, seed, folder), terms) as strategy:
+            with hosted(EntrantRun(entrant, 1, seed, folder), terms) as strategy:
                 ending = strategy.ending
         except OSError as error:
             why = str(error.strerror or error)[:300]  # copying lists every file
@@ -235,7 +238,7 @@ def try_out(entrant: Entrant, terms: RunTerms, seed: int) -> None:
 
 @cache
 def compile_measures() -> None:
-    """Compiles what runs need beside driving once, before several of them start."""
+    """Compile what runs need beside driving once, before several of them start."""
     points = np.column_stack([np.linspace(0.0, 60.0, 31), 5.0 * np.sin(np.linspace(0.0, 6.0, 31))])
     for some in (points, points[::10]):
         Road.from_points(some)
@@ -247,16 +250,16 @@ def compile_measures() -> None:
     unlike_lines(segments)
 
 
-def _described(run: Run) -> dict[str, JSONValue]:
-    """A generator as a campaign records its strategy."""
+def _described(run: EntrantRun) -> dict[str, JSONValue]:
+    """Return a generator as a campaign records its strategy."""
     entrant = run.entrant
     module = Path(entrant.module).name if entrant.module.endswith(".py") else entrant.module
     path: dict[str, JSONValue] = {} if entrant.path is None else {"path": str(entrant.path)}
     return {"class": f"{module}:{entrant.class_name}", "options": {**path, "seed": run.seed}}
 
 
-def assignment(run: Run, terms: RunTerms) -> dict[str, Any]:
-    """What a generator's process is told first."""
+def assignment(run: EntrantRun, terms: RunTerms) -> dict[str, Any]:
+    """Return the first message to a generator's process."""
     entrant, setting = run.entrant, terms.tester.setting
     rules, size = setting.rules_in({}), setting.map_size
     work = run.folder.absolute() / WORK
@@ -266,7 +269,7 @@ def assignment(run: Run, terms: RunTerms) -> dict[str, Any]:
         "module": str(_copied(Path(entrant.module), entrant, work)) if is_file else entrant.module,
         "class_name": entrant.class_name,
         **{k: place and str(_copied(place, entrant, work)) for k, place in places.items()},
-        "seed": run.seed % 2**32,  # more bits than those no generator of numbers takes
+        "seed": run.seed % 2**32,  # no generator of random numbers takes more bits
         "map_size": int(size) if size == int(size) else size,
         "time_budget": terms.time,
         "seconds_per_test": terms.seconds_per_test,
@@ -277,14 +280,14 @@ def assignment(run: Run, terms: RunTerms) -> dict[str, Any]:
 
 
 def _copied(place: Path, entrant: Entrant, work: Path) -> Path:
-    """A generator's file or folder, in the copy if there is one of it."""
+    """Return a generator's file or folder, or its copy if there is one."""
     if entrant.copy is not None and place.is_relative_to(entrant.copy):
         place = work / place.relative_to(entrant.copy)
     return place
 
 
 def _copy(source: Path, target: Path) -> None:
-    """Copies a folder, but no repository, virtual environment or folder that holds the target."""
+    """Copy a folder, but no repository, virtual environment or folder that holds the target."""
     around = {target.resolve(), *target.resolve().parents}
 
     def left_out(folder: str, names: list[str]) -> list[str]:
@@ -303,13 +306,20 @@ def _copy(source: Path, target: Path) -> None:
 
 
 def _campaign(
-    run: Run,
+    run: EntrantRun,
     terms: RunTerms,
     strategy: Strategy,
     described: Mapping[str, JSONValue] = MappingProxyType({}),
 ) -> Campaign:
     budget: JSONValue = {"time": terms.time, "seconds_per_test": terms.seconds_per_test}
     entrant: JSONValue = {**run.entrant.as_json(), "budget": budget}
+    owner = Owner(
+        summary="is a run of a bench, which keeps its budget",
+        advice="what a bench lacks is run by 'frenetic bench --resume --out BENCH'",
+        resume=("bench", "--resume", "--out"),
+        levels_up=2,
+        time_budget=terms.time,
+    )
     tester, spec = terms.tester, terms.tester.spec
     if spec is not None:
         name = part_word(run.entrant.spec, run.entrant.options)
@@ -324,13 +334,13 @@ def _campaign(
             folder=run.folder,
             isolate=spec is not None,
             objective=terms.objective,
-            description={"seed": run.seed, "entrant": entrant, **described},
+            description={"seed": run.seed, "entrant": entrant, **owner.entry(), **described},
             spec=spec,
         )
 
 
-def _search(campaign: Campaign, on_progress: OnProgress | None) -> Ending | None:
-    """Runs a campaign; returns its end, None if its budget was spent."""
+def _search(campaign: Campaign, on_progress: OnProgress | None) -> RunEnding | None:
+    """Run a campaign; return its end, None if its budget was spent."""
 
     def say(event: Event) -> None:
         if on_progress is not None and event.kind == "result":
@@ -342,5 +352,5 @@ def _search(campaign: Campaign, on_progress: OnProgress | None) -> Ending | None
         with CampaignStore.open(campaign.folder, readonly=False) as store:  # it is never resumed
             seconds = round(store.elapsed(), 3)
             store.finish(seconds=seconds, interrupted=False, ended=str(error))
-        return Ending(End.GAVE_UP, str(error))
-    return Ending(End.RETURNED, summary.ended) if summary.ended else None
+        return RunEnding(End.GAVE_UP, str(error))
+    return RunEnding(End.RETURNED, summary.ended) if summary.ended else None

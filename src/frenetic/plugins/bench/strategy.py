@@ -51,7 +51,7 @@ class End(StrEnum):
 
 
 @dataclass(frozen=True)
-class Ending:
+class RunEnding:
     """End of a generator, and its reason."""
 
     end: End
@@ -88,7 +88,7 @@ class GeneratorStrategy(ObservingStrategy):
         seed: int,
     ) -> None:
         self.options = {"seed": seed}
-        self.ending: Ending | None = None
+        self.ending: RunEnding | None = None
         """End of the generator; None while it runs."""
         self.computing = 0.0
         """Wall time that the generator took, in s."""
@@ -102,11 +102,11 @@ class GeneratorStrategy(ObservingStrategy):
         self._attempt: Attempt | None = None  # that is to be told
 
     def start(self) -> None:
-        """Waits until the generator is built or has failed to be."""
+        """Wait until the generator is built or has failed to be."""
         self._receive()
 
     def ask(self) -> Candidate:
-        """The road of the next test that the generator wants executed.
+        """Return the road of the next test that the generator wants executed.
 
         Raises:
             SearchEnded: it has ended.
@@ -119,11 +119,11 @@ class GeneratorStrategy(ObservingStrategy):
         raise SearchEnded(f"the generator ended ({self.ending})")
 
     def observe(self, attempt: Attempt) -> None:
-        """Keeps the attempt for the answer."""
+        """Keep the attempt for the answer."""
         self._attempt = attempt
 
     def tell(self, evaluation: Evaluation) -> None:
-        """Answers the test."""
+        """Answer the test."""
         self._ledger.settle(evaluation)
         attempt, self._attempt = self._attempt, None
         self._left -= evaluation.outcome.is_simulated
@@ -135,7 +135,7 @@ class GeneratorStrategy(ObservingStrategy):
         }
         self._send(answer)
 
-    def dismiss(self) -> Ending:
+    def dismiss(self) -> RunEnding:
         """Reports that the budget is spent, and waits until the generator has ended."""
         deadline = time.monotonic() + min(self._patience, CLOSING_LIMIT)
         while self.ending is None:
@@ -149,12 +149,12 @@ class GeneratorStrategy(ObservingStrategy):
             self._process.send(message)
 
     def _receive(self, patience: float | None = None, hung: str = "") -> dict[str, Any] | None:
-        """The generator's next message, None if it has ended; its reported time counts.
+        """Return the generator's next message, None if it has ended; its reported time counts.
 
         Its questions about roads are answered meanwhile.
 
         Args:
-            patience: s of wall time; by default that of the bench.
+            patience: wall time in s; by default the bench's patience.
             hung: why it is ended after that.
         """
         limit = self._patience if patience is None else patience
@@ -165,12 +165,12 @@ class GeneratorStrategy(ObservingStrategy):
                     break
                 self._send(self._judged(message))
         except GeneratorLostError as error:
-            self.ending = Ending(End.CRASHED, str(error))
+            self.ending = RunEnding(End.CRASHED, str(error))
             return None
         if message is None:
             left = self._left * self._seconds_per_test
             asked = f"it asked for no test for {limit:.3g} s, with {left:.3g} s of its budget left"
-            self.ending = Ending(End.HUNG, hung or asked)
+            self.ending = RunEnding(End.HUNG, hung or asked)
             return None
         self.computing += float(message.get("seconds", 0.0))
         if message.get("kind") == "end":
@@ -179,7 +179,7 @@ class GeneratorStrategy(ObservingStrategy):
         return message
 
     def _judged(self, question: Mapping[str, Any]) -> dict[str, Any]:
-        """The answer to a question about a road."""
+        """Return the answer to a question about a road."""
         if question["kind"] == "overlaps":
             left, right = np.array(question["left"]), np.array(question["right"])
             stands = (np.diff(0.5 * (left + right), axis=0) == 0.0).all(axis=1).any()
@@ -190,12 +190,12 @@ class GeneratorStrategy(ObservingStrategy):
         verdict = check_validity(points, self._tester.terms.map_size)
         return {"valid": verdict.valid, "description": verdict.message}
 
-    def _ending_of(self, message: Mapping[str, Any]) -> Ending:
-        """The end that the generator reports."""
+    def _ending_of(self, message: Mapping[str, Any]) -> RunEnding:
+        """Return the end that the generator reports."""
         end, detail = End(message["how"]), " ".join(message["detail"].split())[:450]
         if self._left <= 0 and (end is End.RETURNED or detail == "exit code 0"):
             end, detail = End.OVER, ""
-        return Ending(end, detail)
+        return RunEnding(end, detail)
 
     def _candidate(self, points: FloatArray | None) -> Candidate:
         curvatures, step = np.empty(0), 1.0
@@ -209,7 +209,7 @@ class GeneratorStrategy(ObservingStrategy):
         return self._ledger.issue(curvatures, step, Origin(OPERATOR), points)
 
     def _records(self, evaluation: Evaluation, attempt: Attempt | None) -> list[Any]:
-        """The simulator's record as the pipeline's records."""
+        """Return the simulator's record as the pipeline's records."""
         candidate = evaluation.candidate
         if attempt is None or attempt.trajectory is None or attempt.pose is None:
             return []

@@ -91,7 +91,7 @@ multi_body: Final[_Dynamics] = FunctionType(
 """The package's multi-body model with these tyres."""
 
 
-class Car:
+class CommonRoadCar:
     """A car that stands, or rolls straight on.
 
     Args:
@@ -122,7 +122,7 @@ class Car:
         return math.atan(math.tan(steering) * self._p.b / (self._p.a + self._p.b))
 
     def advance(self, steering: float, throttle: float, brake: float) -> None:
-        """Moves it on by a period."""
+        """Move it on by a period."""
         self._choose_model()
         if self._has_rolled_over:
             steering, throttle, brake = float(self._state[2]), 0.0, 1.0

@@ -17,7 +17,7 @@ from frenetic.simulators.simulator import Amount, unusual_amounts
 from frenetic.simulators.stepped import Motion, SteppedSimulator
 
 if TYPE_CHECKING:
-    from frenetic.plugins.commonroad.car import Car
+    from frenetic.plugins.commonroad.car import CommonRoadCar
 
 VEHICLE: Final = Vehicle()
 """The embedded simulator's car: the same BMW 320i, whose engine, brakes and steering it has."""
@@ -26,7 +26,7 @@ VEHICLE: Final = Vehicle()
 class CommonRoadSimulator(SteppedSimulator):
     """CommonRoad's multi-body model of a BMW 320i, 29 states; needs the extra ``commonroad``.
 
-    Engine, brakes and steering are those of the embedded simulator's default car: a driver finds
+    Engine, brakes and steering come from the embedded simulator's default car: a driver finds
     the same car with other physics. Brake and throttle let go of all wheels while one slips, and
     neither air nor rolling slow it.
 
@@ -35,7 +35,7 @@ class CommonRoadSimulator(SteppedSimulator):
         wall_limit: s of wall time that a drive may take; then it is an ERROR.
         steering_lag: s, time constant of the steering.
         start_offset: as for `SteppedSimulator`.
-        start_heading: likewise.
+        start_heading: as for `SteppedSimulator`.
     """
 
     needs: Final = ("vehiclemodels",)
@@ -73,7 +73,7 @@ class CommonRoadSimulator(SteppedSimulator):
         return unusual_amounts(self)
 
     def setup(self, road: Road) -> DriveSetup:
-        """The setup of a drive along the road for its driver."""
+        """Return the setup of a drive along the road for its driver."""
         setup = self._vehicle.setup(self.rules, road, super().setup(road).period)
         return replace(setup, rolling_drag=0.0, air_drag=0.0)
 
@@ -82,7 +82,7 @@ class CommonRoadSimulator(SteppedSimulator):
         return replace(VEHICLE, steering_lag=self.steering_lag)
 
     def __enter__(self) -> Self:
-        """Loads the model.
+        """Load the model.
 
         Raises:
             FreneticError: the extra is missing.
@@ -90,23 +90,23 @@ class CommonRoadSimulator(SteppedSimulator):
         self._car_class()
         return self
 
-    def _car_class(self) -> type[Car]:
+    def _car_class(self) -> type[CommonRoadCar]:
         try:
-            from frenetic.plugins.commonroad.car import Car  # imports the extra
+            from frenetic.plugins.commonroad.car import CommonRoadCar  # imports the extra
         except ModuleNotFoundError as error:
             raise FreneticError(
                 f"the simulator commonroad needs the package {error.name}:"
                 f" {pip_install('commonroad')}"
             ) from error
-        return Car
+        return CommonRoadCar
 
     def start(self, road: Road, pose: Pose, setup: DriveSetup) -> Motion:  # noqa: ARG002
-        """Puts the car at rest on the road."""
+        """Put the car at rest on the road."""
         self._car = self._car_class()(pose, self._vehicle)
         return self._car.motion
 
     def step(self, steering: float, throttle: float, brake: float, seconds: float) -> Motion:
-        """Moves the car on.
+        """Move the car on.
 
         Raises:
             ArithmeticError: the model broke, as in a spin at walking pace.

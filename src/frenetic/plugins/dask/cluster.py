@@ -95,7 +95,7 @@ class ClusterWorkers(Workers):
         return {address: number - taken[address] for address, number in self._seats_at.items()}
 
     def submit(self, candidate: Candidate) -> None:
-        """Hands a candidate to the cluster."""
+        """Hand a candidate to the cluster."""
         free = self._free_at
         address = max(free, key=free.__getitem__)  # Dask itself lets tasks wait at some of them
         where: Any = {"workers": [address], "allow_other_workers": True}
@@ -105,7 +105,7 @@ class ClusterWorkers(Workers):
         self._running[test] = candidate.id, address, time.monotonic()
 
     def wait(self, timeout: float) -> Sequence[Attempt]:
-        """Waits until something happens, for at most so many s; returns finished attempts.
+        """Wait until something happens, for at most so many s; returns finished attempts.
 
         Raises:
             CampaignError: the scheduler is lost, no worker is there for some time, or a simulator
@@ -170,7 +170,7 @@ class ClusterWorkers(Workers):
         return attempt
 
     def __enter__(self) -> Self:
-        """Connects to the scheduler.
+        """Connect to the scheduler.
 
         Raises:
             CampaignError: there is none.
@@ -187,7 +187,7 @@ class ClusterWorkers(Workers):
         return self
 
     def __exit__(self, *_: object) -> None:
-        """Lets the cluster forget the seats, which ends them."""
+        """Let the cluster forget the seats, which ends them."""
         self._running.clear()
         with suppress(OSError, RuntimeError):  # Dask's own, where its scheduler is lost
             self._client.close(timeout=CONNECT_LIMIT)
@@ -230,7 +230,7 @@ class _Seats:
         finalize(self, lambda idle: threading.Thread(target=_end, args=(idle,)).start(), self.idle)
 
     def __reduce__(self) -> tuple[Callable[..., Any], tuple[bytes, float, Blame]]:
-        """Gives each Dask worker seats of its own."""
+        """Give each Dask worker seats of its own."""
         return _Seats, (self.parcel, self.drive_limit, self.blame)
 
 
@@ -316,14 +316,14 @@ def own_modules() -> list[ModuleType]:
 
 
 def _home(module: ModuleType) -> Path | None:
-    """The folder in which a module lies, or a package's folder; None if it lies in none."""
+    """Return the folder in which a module lies, or a package's folder; None if it lies in none."""
     places = list(getattr(module, "__path__", ())) or [getattr(module, "__file__", None)]
     return Path(places[0]).resolve().parent if isinstance(places[0], str) else None
 
 
 @contextmanager
 def _by_value(modules: list[ModuleType]) -> Iterator[None]:
-    """Makes cloudpickle send the code of modules instead of their names."""
+    """Make cloudpickle send the code of modules instead of their names."""
     known = cloudpickle.list_registry_pickle_by_value()
     fresh = [module for module in modules if module.__name__ not in known]
     for module in fresh:

@@ -1,7 +1,7 @@
 """Cars that are stepped together: observe, decide, move, judge, for all of them in one kernel.
 
-The kernel calls those of the embedded simulator's rollout in the same order, so an episode is the
-drive that the same policy gives there, bit for bit.
+The kernel calls what the embedded simulator's rollout calls, in the same order, so an episode is
+the drive that the same policy gives there, bit for bit.
 
 The reward of a step is the progress along the road, as a share of what the speed limit allows and
 at most 1, less the share of the car that is outside its lane, less `FAILURE` if the drive fails.
@@ -25,7 +25,7 @@ from frenetic.errors import FreneticError
 from frenetic.oracle.outcome import Outcome
 from frenetic.oracle.verdict import REACHED, RUNNING, TIMED_OUT, rules_array
 from frenetic.plugins.vision.policy import ACTION_SIZE, VECTOR_SIZE, controls_of, write_vector
-from frenetic.plugins.vision.rendering import Renderer
+from frenetic.plugins.vision.rendering import CameraRenderer
 from frenetic.road import Road
 from frenetic.road.geometry import WIDENING, widening_at
 from frenetic.simulators import Drive, EmbeddedSimulator, Trajectory
@@ -73,7 +73,7 @@ def step_cars(
     rewards: FloatArray,
     vectors: npt.NDArray[np.float32],
 ) -> None:
-    """Starts cars or moves them on by one period; the later arguments are written to.
+    """Start cars or move them on by one period; the later arguments are written to.
 
     Args:
         tasks: (n,) WAIT, START or STEP.
@@ -177,7 +177,7 @@ class Cars:
             raise FreneticError(f"camera is {camera!r}: a frenetic.drivers.Camera is needed")
         self.simulator = simulator
         self._camera = camera
-        self._renderers: list[Renderer | None] = [None] * count
+        self._renderers: list[CameraRenderer | None] = [None] * count
         vector = Box(-1.0, 1.0, (VECTOR_SIZE,), np.float32)
         self.observation_space: Space[Any] = vector
         """Space of one car's observations."""
@@ -213,7 +213,7 @@ class Cars:
         """Observations, (n, 26)."""
 
     def place(self, k: int, road: Road) -> None:
-        """Gives car ``k`` a road, on which it has to be started.
+        """Give car ``k`` a road, on which it has to be started.
 
         Raises:
             RoadError: it leans or rises, and the car has a camera.
@@ -243,12 +243,12 @@ class Cars:
         self._on[k], self._renderers[k] = road, None
 
     def observation(self, k: int) -> Seen:
-        """What car ``k`` sees."""
+        """Return what car ``k`` sees."""
         vector = self.vectors[k].copy()
         return vector if self._camera is None else {"vector": vector, "image": self._image(k)}
 
     def observations(self) -> Seen:
-        """What all cars see."""
+        """Return what all cars see."""
         vectors = self.vectors.copy()
         if self._camera is None:
             return vectors
@@ -260,12 +260,12 @@ class Cars:
         assert self._camera is not None
         renderer = self._renderers[k]
         if renderer is None:
-            renderer = self._renderers[k] = Renderer(road, self._camera)
+            renderer = self._renderers[k] = CameraRenderer(road, self._camera)
         x, y, heading = self._states[k, :3].tolist()
         return renderer.draw(x, y, heading)
 
     def step(self, tasks: npt.NDArray[np.int64], actions: FloatArray) -> None:
-        """Starts cars or moves them on by one period.
+        """Start cars or move them on by one period.
 
         Args:
             tasks: (n,) WAIT, START or STEP; a car steps only while its drive is RUNNING.
@@ -302,8 +302,8 @@ class Cars:
     @property
     def timed_out(self) -> npt.NDArray[np.bool_]:
         """Cars that took too long, (n,)."""
-        found: npt.NDArray[np.bool_] = self.ends == TIMED_OUT
-        return found
+        timed_out: npt.NDArray[np.bool_] = self.ends == TIMED_OUT
+        return timed_out
 
     def info(self, k: int) -> dict[str, Any]:
         """Information on the drive of car ``k``; nothing unless it has ended by the rules."""
@@ -314,11 +314,11 @@ class Cars:
         return {"outcome": str(outcome), "moobd": float(moobd), "distance": float(distance)}
 
     def road(self, k: int) -> Road | None:
-        """The road of car ``k``; None before the first one."""
+        """Return the road of car ``k``; None before the first one."""
         return self._on[k]
 
     def drive(self, k: int) -> Drive:
-        """The drive of car ``k`` so far."""
+        """Return the drive of car ``k`` so far."""
         written = self.steps[k] + 1 if self._on[k] is not None else 0
         columns = self._records[k, :, :written]
         return Drive(Trajectory(*columns), self.simulator.car, self.simulator.rules)
@@ -330,15 +330,17 @@ def checked_actions(actions: npt.ArrayLike, count: int) -> FloatArray:
     Raises:
         ValueError: they are not (count, 2) finite numbers.
     """
-    given = np.asarray(actions, dtype=np.float64)
-    if given.shape != (count, ACTION_SIZE):
+    checked = np.asarray(actions, dtype=np.float64)
+    if checked.shape != (count, ACTION_SIZE):
         raise ValueError(
-            f"the actions have shape {given.shape}: steering and pedal of each car,"
+            f"the actions have shape {checked.shape}: steering and pedal of each car,"
             f" {(count, ACTION_SIZE)}, are needed"
         )
-    if not np.isfinite(given).all():
-        raise ValueError(f"an action is not finite: {given[~np.isfinite(given).all(axis=1)][0]}")
-    return given
+    if not np.isfinite(checked).all():
+        raise ValueError(
+            f"an action is not finite: {checked[~np.isfinite(checked).all(axis=1)][0]}"
+        )
+    return checked
 
 
 def _longer(array: FloatArray, axis: int, needed: int) -> FloatArray:

@@ -49,7 +49,7 @@ class LaneKeepingEnv(gymnasium.Env[Seen, Vector]):
         camera: if given, an observation is a dictionary of the ``vector`` and the camera's
             ``image``, (height, width, 3) uint8.
         render_mode: None; the environment draws nothing, see `drive`.
-        simulator: further options are those of `EmbeddedSimulator`, such as ``friction``.
+        simulator: further options of `EmbeddedSimulator`, such as ``friction``.
 
     Raises:
         FreneticError: a file or folder of ``roads`` holds no road.
@@ -74,7 +74,7 @@ class LaneKeepingEnv(gymnasium.Env[Seen, Vector]):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Seen, dict[str, Any]]:
-        """Puts the car at rest on the lane of another road.
+        """Put the car at rest on the lane of another road.
 
         Args:
             seed: of this episode's road and the next ones.
@@ -126,8 +126,8 @@ _NO_ACTION = np.zeros((1, 2))
 class LaneKeepingVectorEnv(VectorEnv[Seen, Vector, npt.NDArray[Any]]):
     """Many cars, each on a road of its own: `LaneKeepingEnv`, stepped in one compiled call.
 
-    With the same seed, its episodes are those of `gymnasium.vector.SyncVectorEnv` over as many
-    `LaneKeepingEnv`, bit for bit.
+    With the same seed, its episodes equal, bit for bit, the episodes of
+    `gymnasium.vector.SyncVectorEnv` over as many `LaneKeepingEnv`.
 
     Args:
         num_envs: number of cars.
@@ -172,7 +172,7 @@ class LaneKeepingVectorEnv(VectorEnv[Seen, Vector, npt.NDArray[Any]]):
         seed: int | Sequence[int | None] | None = None,
         options: dict[str, Any] | None = None,
     ) -> tuple[Seen, dict[str, Any]]:
-        """Puts the cars at rest on other roads.
+        """Put the cars at rest on other roads.
 
         Args:
             seed: of the first car, the next one for each other; or one for each car.
@@ -184,9 +184,9 @@ class LaneKeepingVectorEnv(VectorEnv[Seen, Vector, npt.NDArray[Any]]):
         """
         road = _given_road(options)
         super().reset(seed=seed if isinstance(seed, int) else None)
-        for k, own in enumerate(self._seeds(seed)):
-            if own is not None:
-                self._generators[k], _ = seeding.np_random(own)
+        for k, own_seed in enumerate(self._seeds(seed)):
+            if own_seed is not None:
+                self._generators[k], _ = seeding.np_random(own_seed)
         self._start(np.ones(self.num_envs, np.bool_), road)
         return self._cars.observations(), {}
 
@@ -199,13 +199,13 @@ class LaneKeepingVectorEnv(VectorEnv[Seen, Vector, npt.NDArray[Any]]):
             ResetNeeded: no episode has begun.
             ValueError: the actions are not (num_envs, 2) finite numbers.
         """
-        given = checked_actions(actions, self.num_envs)
+        checked = checked_actions(actions, self.num_envs)
         resets = self._has_ended
         if self._cars.road(0) is None:
             raise gymnasium.error.ResetNeeded("no episode has begun: call reset() first")
         self._place(resets)
         cars = self._cars
-        cars.step(np.where(resets, START, STEP), given)
+        cars.step(np.where(resets, START, STEP), checked)
         truncated = cars.timed_out
         self._has_ended = cars.ends != RUNNING
         terminated = self._has_ended & ~truncated
@@ -223,11 +223,11 @@ class LaneKeepingVectorEnv(VectorEnv[Seen, Vector, npt.NDArray[Any]]):
         return cars.observations(), rewards, terminated, truncated, infos
 
     def road(self, k: int) -> Road | None:
-        """The road of car ``k``; None before the first one."""
+        """Return the road of car ``k``; None before the first one."""
         return self._cars.road(k)
 
     def drive(self, k: int) -> Drive:
-        """The episode of car ``k`` so far as a `Drive`."""
+        """Return the episode of car ``k`` so far as a `Drive`."""
         return self._cars.drive(k)
 
     def _seeds(self, seed: int | Sequence[int | None] | None) -> Sequence[int | None]:
@@ -240,13 +240,13 @@ class LaneKeepingVectorEnv(VectorEnv[Seen, Vector, npt.NDArray[Any]]):
         return seed
 
     def _start(self, mask: Flags, road: Road | None = None) -> None:
-        """Puts some cars at rest on other roads, or all on a given one."""
+        """Put some cars at rest on other roads, or all on a given one."""
         self._place(mask, road)
         self._cars.step(np.where(mask, START, WAIT), np.zeros((self.num_envs, 2)))
         self._has_ended = self._has_ended & ~mask
 
     def _place(self, mask: Flags, road: Road | None = None) -> None:
-        """Draws roads for some cars, or places them on a given one."""
+        """Draw roads for some cars, or place them on a given one."""
         for k in _numbers(mask):
             if road is not None:
                 self._cars.place(k, road)
@@ -258,7 +258,7 @@ class LaneKeepingVectorEnv(VectorEnv[Seen, Vector, npt.NDArray[Any]]):
 
 
 def _given_road(options: Mapping[str, Any] | None) -> Road | None:
-    """The road among the options of a reset; None without one."""
+    """Return the road among the options of a reset; None without one."""
     road = (options or {}).get("road")
     if road is not None and not isinstance(road, Road):
         raise FreneticError(f"options['road'] is {road!r}: a frenetic.Road is needed")
@@ -266,7 +266,7 @@ def _given_road(options: Mapping[str, Any] | None) -> Road | None:
 
 
 def _numbers(mask: Flags) -> list[int]:
-    """The cars that a mask (n,) names."""
+    """Return the cars that a mask (n,) names."""
     numbers: list[int] = mask.nonzero()[0].tolist()
     return numbers
 
@@ -289,9 +289,9 @@ class RoadSource:
     """
 
     def __init__(
-        self, given: Sequence[Road | Path | str] | None, map_size: float = MAP_SIZE
+        self, roads: Sequence[Road | Path | str] | None, map_size: float = MAP_SIZE
     ) -> None:
-        self._roads = None if given is None else given_roads(given)
+        self._roads = None if roads is None else roads_of(roads)
         # Refused roads are drawn again here, where they are placed anyway.
         self._random = RandomRoads(map_size=map_size, max_redraws=0)
 
@@ -306,27 +306,27 @@ class RoadSource:
         return next(self._random.valid(rng))
 
 
-def given_roads(given: Sequence[Road | Path | str]) -> list[Road]:
-    """The roads of a list, see `RoadSource`, in its order.
+def roads_of(sources: Sequence[Road | Path | str]) -> list[Road]:
+    """Return the roads of a list, see `RoadSource`, in its order.
 
     Raises:
         FreneticError: a file or folder holds no road, or the list is empty.
     """
     roads: list[Road] = []
-    for one in require_list("roads", given, "roads"):
-        if isinstance(one, Road):
-            roads.append(one)
-        elif (Path(one) / DATABASE).exists():
-            roads += _failed(Path(one))
+    for source in require_list("roads", sources, "roads"):
+        if isinstance(source, Road):
+            roads.append(source)
+        elif (Path(source) / DATABASE).exists():
+            roads += _failed(Path(source))
         else:
-            roads += find_roads([Path(one)]).roads.values()
+            roads += find_roads([Path(source)]).roads.values()
     if not roads:
         raise FreneticError("roads is an empty list: at least one road is needed, or None")
     return roads
 
 
 def _failed(folder: Path) -> list[Road]:
-    """The roads that failed in a campaign."""
+    """Return the roads that failed in a campaign."""
     with CampaignStore.open(folder) as store:
         roads = [test.road for test in store.tests(Outcome.FAIL)]
     if not roads:

@@ -38,7 +38,7 @@ raise SystemExit(scene is None)
 
 
 def check_drawing() -> None:
-    """Checks whether MetaDrive has its assets and can open what its camera draws into.
+    """Check whether MetaDrive has its assets and can open what its camera draws into.
 
     Without MetaDrive it checks nothing.
 
@@ -63,7 +63,7 @@ def check_drawing() -> None:
 
 @functools.cache
 def _opens_buffers() -> bool:
-    """Whether Panda3D opens a buffer as MetaDrive's camera needs it."""
+    """Return whether Panda3D opens a buffer as MetaDrive's camera needs it."""
     try:
         trial = subprocess.run(  # noqa: S603 - our own code, no shell
             [sys.executable, "-P", "-c", _TRIAL],

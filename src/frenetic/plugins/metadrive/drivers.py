@@ -48,7 +48,7 @@ class MetaDriveDriver:
     """Distributions whose versions belong to it."""
 
     def check_simulator(self, simulator: Simulator) -> None:
-        """Refuses simulators that do not know MetaDrive's drivers.
+        """Refuse simulators that do not know MetaDrive's drivers.
 
         Raises:
             DriverError: the simulator does not know them.
@@ -57,7 +57,7 @@ class MetaDriveDriver:
             self._refuse()
 
     def reset(self, setup: DriveSetup) -> None:  # noqa: ARG002 - asked by a foreign simulator
-        """Refuses: see `act`.
+        """Refuse: see `act`.
 
         Raises:
             DriverError: always.
@@ -65,7 +65,7 @@ class MetaDriveDriver:
         self._refuse()
 
     def act(self, observation: Observation) -> Controls:  # noqa: ARG002
-        """Refuses, because a simulator that asks for controls is not MetaDrive.
+        """Refuse, because a simulator that asks for controls is not MetaDrive.
 
         Raises:
             DriverError: always.
@@ -108,26 +108,26 @@ class ObservingDriver(MetaDriveDriver, ABC):
     """s: the time between two decisions in MetaDrive."""
 
     @abstractmethod
-    def mean_action(self, seen: FloatArray) -> tuple[float, float]:
+    def mean_action(self, state: FloatArray) -> tuple[float, float]:
         """Steering to the left and throttle or brake, not cut to -1..1.
 
         Args:
-            seen: (275,), as MetaDrive's `LidarStateObservation` has it.
+            state: (275,), as MetaDrive's `LidarStateObservation` has it.
         """
 
     def check_simulator(self, simulator: Simulator) -> None:
-        """Accepts any."""
+        """Accept any."""
 
     def reset(self, setup: DriveSetup) -> None:
-        """Forgets the last drive."""
+        """Forget the last drive."""
         self._setup, self._action, self._heading = setup, (0.0, 0.0), math.nan
 
     def act(self, observation: Observation) -> Controls:
-        """The policy's action, as the controls of this car."""
+        """Return the policy's action, as the controls of this car."""
         turned = observation.heading - self._heading
         turned = 0.0 if math.isnan(turned) else turned
-        seen = state_of(observation, self._setup, self._action, turned)
-        steering, pedal = (min(max(value, -1.0), 1.0) for value in self.mean_action(seen))
+        state = state_of(observation, self._setup, self._action, turned)
+        steering, pedal = (min(max(value, -1.0), 1.0) for value in self.mean_action(state))
         self._action, self._heading = (steering, pedal), observation.heading
         decision = Decision.of_action(steering, pedal)
         acceleration = (
@@ -145,7 +145,7 @@ class MetaDriveExpert(ObservingDriver):
     name = "metadrive-expert"
 
     def reset(self, setup: DriveSetup) -> None:
-        """Forgets the last drive.
+        """Forget the last drive.
 
         Raises:
             FreneticError: MetaDrive is not installed.
@@ -153,9 +153,9 @@ class MetaDriveExpert(ObservingDriver):
         weights()
         super().reset(setup)
 
-    def mean_action(self, seen: FloatArray) -> tuple[float, float]:
+    def mean_action(self, state: FloatArray) -> tuple[float, float]:
         """See `ObservingDriver`."""
-        return expert_action(seen)
+        return expert_action(state)
 
 
 class MetaDrivePolicy(ObservingDriver):
@@ -184,7 +184,7 @@ class MetaDrivePolicy(ObservingDriver):
         return {"weights": self._path}
 
     def __getstate__(self) -> dict[str, Any]:
-        """The file's content: the other process may have no such file."""
+        """Return the file's content: the other process may have no such file."""
         return {name: getattr(self, name) for name in ("_path", "_data")}
 
     def __setstate__(self, state: Mapping[str, Any]) -> None:
@@ -197,45 +197,45 @@ class MetaDrivePolicy(ObservingDriver):
             self._network = model = OnnxModel(self._data)
             shapes = [shown_shape(shape) for shape in model.inputs.values()]
             if len(shapes) != 1 or shapes[0] not in (f"(1, {SIZE})", f"(any, {SIZE})"):
-                given = " and ".join(shapes)
-                raise ValueError(f"it takes {given}: (1, {SIZE}) alone is needed")
+                shown = " and ".join(shapes)
+                raise ValueError(f"it takes {shown}: (1, {SIZE}) alone is needed")
         else:
             self._network = read_weights(self._data)
         self._answer(np.zeros(SIZE, dtype=np.float32))
 
-    def mean_action(self, seen: FloatArray) -> tuple[float, float]:
+    def mean_action(self, state: FloatArray) -> tuple[float, float]:
         """See `ObservingDriver`.
 
         Raises:
             DriverError: it gives no finite numbers.
         """
         try:
-            return self._answer(seen)
+            return self._answer(state)
         except ValueError as error:
             raise DriverError(f"{self._path}: {error}") from None
 
-    def _answer(self, seen: FloatArray) -> tuple[float, float]:
-        """The network's mean action.
+    def _answer(self, state: FloatArray) -> tuple[float, float]:
+        """Return the network's mean action.
 
         Raises:
             ValueError: it gives none of finite numbers.
         """
         if isinstance(self._network, OnnxModel):
             (name,) = self._network.inputs
-            outputs = self._network.run({name: seen.astype(np.float32)[np.newaxis]})
-            given = np.concatenate([one.ravel() for one in outputs.values()])
+            outputs = self._network.run({name: state.astype(np.float32)[np.newaxis]})
+            action = np.concatenate([output.ravel() for output in outputs.values()])
         else:
             with np.errstate(over="ignore", invalid="ignore"):
-                given = np.array(mean_action(seen, self._network))
-        if given.size not in ACTION_SIZES:
-            raise ValueError(f"it gives {given.size} numbers: 2, steering and pedal, are needed")
-        if not np.isfinite(given).all():
-            raise ValueError(f"it gives {given[~np.isfinite(given)][0]}")
-        return float(given[0]), float(given[1])
+                action = np.array(mean_action(state, self._network))
+        if action.size not in ACTION_SIZES:
+            raise ValueError(f"it gives {action.size} numbers: 2, steering and pedal, are needed")
+        if not np.isfinite(action).all():
+            raise ValueError(f"it gives {action[~np.isfinite(action)][0]}")
+        return float(action[0]), float(action[1])
 
 
 def metadrive_driver(driver: Driver) -> MetaDriveDriver | None:
-    """The driver if it is one of MetaDrive's own, otherwise None.
+    """Return the driver if it is one of MetaDrive's own, otherwise None.
 
     Raises:
         DriverError: it is one of MetaDrive's own under layers, which would not reach it.

@@ -32,7 +32,7 @@ STRAIGHT_RADIUS: Final = 200.0
 """Least radius of an arc that is called straight, in m."""
 _REACH: Final = 50.0  # m to a checkpoint at most
 _LARGEST_RADIUS: Final = 60.0  # m, of MetaDrive's curves, at their middle
-_LARGEST_ANGLE: Final = 135.0  # degrees, likewise
+_LARGEST_ANGLE: Final = 135.0  # degrees, of MetaDrive's curves
 _MAP_WIDTH: Final = 18.0  # m
 _LANE_WIDTH: Final = 4.5  # m, of the widest lane
 _TOP_SPEED: Final = 80.0  # km/h
@@ -41,27 +41,27 @@ _OTHERS: Final = 16  # numbers of other cars, 0 without any; then the lidar's, 1
 
 @cache
 def weights() -> Mapping[str, FloatArray]:
-    """The network, layer by layer.
+    """Return the network, layer by layer.
 
     Raises:
         FreneticError: MetaDrive is not installed.
     """
-    found = find_spec("metadrive")
-    if found is None or not found.submodule_search_locations:
+    package = find_spec("metadrive")
+    if package is None or not package.submodule_search_locations:
         raise FreneticError(
             f"the driver metadrive-expert needs the package metadrive: {pip_install('metadrive')}"
         )
-    return read_weights((Path(found.submodule_search_locations[0]) / WEIGHTS).read_bytes())
+    return read_weights((Path(package.submodule_search_locations[0]) / WEIGHTS).read_bytes())
 
 
 def read_weights(data: bytes) -> Mapping[str, FloatArray]:
-    """A network in the layout of the expert's file, whose hidden layers may have other sizes.
+    """Return a network as the expert's file holds it; its hidden layers may have other sizes.
 
     Args:
         data: content of a ``.npz`` file; nothing in it is executed.
 
     Raises:
-        ValueError: it is none, or lacks an array, or has one of another shape.
+        ValueError: the data are no ``.npz`` file, lack an array, or hold one of another shape.
     """
     try:
         with np.load(BytesIO(data), allow_pickle=False) as file:
@@ -76,33 +76,33 @@ def read_weights(data: bytes) -> Mapping[str, FloatArray]:
                 raise ValueError(f"it has no array {name}")
             if network[name].dtype.kind != "f" or not np.isfinite(network[name]).all():
                 raise ValueError(f"its {name} must be finite floats")
-        given, last = network[kernel].shape, network[kernel].shape[-1:]
-        if len(given) != 2 or given[0] != size or given[1] not in (sizes or last):
+        shape, last = network[kernel].shape, network[kernel].shape[-1:]
+        if len(shape) != 2 or shape[0] != size or shape[1] not in (sizes or last):
             wanted = " or ".join(map(str, sizes)) if sizes else "any"
-            raise ValueError(f"its {kernel} has the shape {given}: ({size}, {wanted}) is needed")
+            raise ValueError(f"its {kernel} has the shape {shape}: ({size}, {wanted}) is needed")
         if network[bias].shape != last:
             raise ValueError(f"its {bias} has the shape {network[bias].shape}: {last} is needed")
-        size = given[1]
+        size = shape[1]
     return network
 
 
-def expert_action(seen: FloatArray) -> tuple[float, float]:
-    """The expert's mean action, see `mean_action`.
+def expert_action(state: FloatArray) -> tuple[float, float]:
+    """Return the expert's mean action, see `mean_action`.
 
     Args:
-        seen: (275,), as MetaDrive's `LidarStateObservation` has it.
+        state: (275,), as MetaDrive's `LidarStateObservation` has it.
     """
-    seen = seen.copy()
-    seen[[10, 15]] = 1.0 - seen[[10, 15]]  # it was trained when MetaDrive's y pointed elsewhere
-    return mean_action(seen, weights())
+    state = state.copy()
+    state[[10, 15]] = 1.0 - state[[10, 15]]  # it was trained when MetaDrive's y pointed elsewhere
+    return mean_action(state, weights())
 
 
-def mean_action(seen: FloatArray, network: Mapping[str, FloatArray]) -> tuple[float, float]:
-    """A network's mean action, not cut to -1..1: steering to the left, throttle or brake.
+def mean_action(state: FloatArray, network: Mapping[str, FloatArray]) -> tuple[float, float]:
+    """Return a network's mean action, not cut to -1..1: steering to the left, throttle or brake.
 
     Args:
-        seen: (275,), what it was trained with.
-        network: see `read_weights`.
+        state: (275,), what the network was trained with.
+        network: as `read_weights` returns it.
     """
 
     def layer(name: str, inputs: FloatArray) -> FloatArray:
@@ -113,8 +113,8 @@ def mean_action(seen: FloatArray, network: Mapping[str, FloatArray]) -> tuple[fl
         return outputs
 
     for name in ("fc_1", "fc_2"):
-        seen = np.tanh(layer(name, seen))
-    steering, throttle_brake, *_spreads = layer("fc_out", seen).tolist()
+        state = np.tanh(layer(name, state))
+    steering, throttle_brake, *_spreads = layer("fc_out", state).tolist()
     return steering, throttle_brake
 
 
@@ -124,15 +124,15 @@ def state_of(
     action: tuple[float, float] = (0.0, 0.0),
     turned: float = 0.0,
 ) -> FloatArray:
-    """What MetaDrive's `LidarStateObservation` sees on an empty road, (275,) float32 in 0..1.
+    """Return what MetaDrive's `LidarStateObservation` sees on an empty road, (275,) in 0..1.
 
     Of the road it sees the ends of the present piece of 40 m and of the next, each taken for an
     arc that turns as far. It cannot know where the road ends: there it goes on straight.
 
     Args:
-        observation: of the car.
-        setup: of the drive.
-        action: its last one, in -1..1: steering to the left, throttle or brake.
+        observation: observation of the car.
+        setup: setup of the drive.
+        action: the last action, in -1..1: steering to the left, throttle or brake.
         turned: rad, change of the heading since then, within 0.1 s.
     """
     offset, width = observation.lateral_offset, setup.lane_width
@@ -149,14 +149,14 @@ def state_of(
         abs(turned) / 0.1,
         0.5 - offset / _LANE_WIDTH,
     ]
-    seen = np.zeros(SIZE, dtype=np.float32)
-    seen[:9], seen[9:19] = car, _road_ahead(observation, width)
-    seen[19 + _OTHERS :] = 1.0
-    return np.clip(seen, 0.0, 1.0)
+    state = np.zeros(SIZE, dtype=np.float32)
+    state[:9], state[9:19] = car, _road_ahead(observation, width)
+    state[19 + _OTHERS :] = 1.0
+    return np.clip(state, 0.0, 1.0)
 
 
 def _road_ahead(observation: Observation, width: float) -> list[float]:
-    """Five numbers for the end of each of two pieces, as MetaDrive's navigation scales them."""
+    """Return five numbers for the ends of two pieces each, as MetaDrive scales them."""
     lane = observation.lane(ahead=2.0 * PIECE_LENGTH + 1.0, behind=PIECE_LENGTH + 1.0)
     began = -(observation.distance % PIECE_LENGTH)
     ends = began + PIECE_LENGTH * np.arange(3)

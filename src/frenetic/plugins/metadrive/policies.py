@@ -16,10 +16,10 @@ class Policy(Protocol):
     """A driver that knows MetaDrive's world."""
 
     def act(self, speed_limit: float) -> Decision:
-        """Its controls until it is asked again, under a speed limit in km/h."""
+        """Return the controls until the next call, under a speed limit in km/h."""
 
     def close(self) -> None:
-        """Ends it."""
+        """End it."""
 
 
 class Idm:
@@ -37,7 +37,7 @@ class Idm:
         return _decision(self._policy.act())
 
     def close(self) -> None:
-        """Ends it."""
+        """End it."""
         self._policy.destroy()
 
 
@@ -50,17 +50,17 @@ class Observing:
         self._observation = LidarStateObservation(world.engine.global_config)
 
     def act(self, speed_limit: float) -> Decision:  # noqa: ARG002
-        """The mean action."""
+        """Return the mean action."""
         self._vehicle.after_step()  # looks where the car is
         return _decision(self._mean_action(self._observation.observe(self._vehicle)))
 
     def close(self) -> None:
-        """Ends nothing."""
+        """End nothing."""
         self._observation.destroy()
 
 
 def make_policy(driver: MetaDriveDriver, world: World) -> Policy:
-    """The policy of a driver for the car that is in the world."""
+    """Return the policy of a driver for the car that is in the world."""
     if isinstance(driver, MetaDriveIdm):
         return Idm(world, driver.target_speed)
     assert isinstance(driver, ObservingDriver)

@@ -109,7 +109,7 @@ class MetaDriveSimulator(StartingPlace, PolicySimulator):
         self._friction = float(friction)
 
     def __enter__(self) -> Self:
-        """Starts MetaDrive's engine.
+        """Start MetaDrive's engine.
 
         Raises:
             FreneticError: MetaDrive is missing or of an unknown version, or its engine is already
@@ -136,13 +136,13 @@ class MetaDriveSimulator(StartingPlace, PolicySimulator):
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        """Ends MetaDrive's engine."""
+        """End MetaDrive's engine."""
         world, self._world = self._world, None
         if world is not None:
             world.close()
 
     def check_driver(self, driver: Driver) -> None:
-        """Refuses MetaDrive's own drivers under layers, and cameras where it cannot draw.
+        """Refuse MetaDrive's own drivers under layers, and cameras where it cannot draw.
 
         Raises:
             DriverError: it is such a one; or it has a camera, and MetaDrive cannot draw here or
@@ -154,7 +154,7 @@ class MetaDriveSimulator(StartingPlace, PolicySimulator):
             check_drawing()
 
     def setup(self, road: Road) -> DriveSetup:
-        """The setup of a drive along the road for its driver."""
+        """Return the setup of a drive along the road for its driver."""
         # Its wheels turn at once, and do not slide before the friction limit.
         return replace(
             VEHICLE.setup(self.rules, road, RECORD_PERIOD),
@@ -175,7 +175,7 @@ class MetaDriveSimulator(StartingPlace, PolicySimulator):
         check_road(self, driver, road)
         world = self._world_for(road, camera_of(driver))
         try:
-            own = metadrive_driver(driver)
+            own_driver = metadrive_driver(driver)
         except DriverError as error:
             trouble = Trouble.of(error, "simulator")
             return Drive(Trajectory.empty(), self.car, self.rules, road, trouble)
@@ -185,18 +185,18 @@ class MetaDriveSimulator(StartingPlace, PolicySimulator):
             left=self.start_offset,
             turned=self.start_heading,
         )
-        car = _Car(world, road.pose.heading)
+        car = _MetaDriveCar(world, road.pose.heading)
         setup = self.setup(road)
-        if own is None:
+        if own_driver is None:
             return follow(car, road, self.rules, self.car, setup, driver, self.wall_limit)
         from frenetic.plugins.metadrive.policies import make_policy  # imports the extra
 
-        with closing(make_policy(own, world)) as policy:
+        with closing(make_policy(own_driver, world)) as policy:
             holding = _Holding(car, policy, road, self.rules)
             return follow(holding, road, self.rules, self.car, setup, holding, self.wall_limit)
 
     def _world_for(self, road: Road, camera: Camera | None) -> World:
-        """The world with this camera, None for none; started anew if it is another one's."""
+        """Return the world with this camera, None for none; started anew if it is another one's."""
         world = self._world
         if world is None:
             raise FreneticError("MetaDrive is not running: drive roads in a with statement")
@@ -209,7 +209,7 @@ class MetaDriveSimulator(StartingPlace, PolicySimulator):
         return world
 
 
-class _Car:
+class _MetaDriveCar:
     """MetaDrive's car for a driver of ours."""
 
     def __init__(self, world: World, heading: float) -> None:
@@ -218,7 +218,7 @@ class _Car:
         self._wheels = 0.0
 
     def motion(self) -> list[float]:
-        """The car's motion.
+        """Return the car's motion.
 
         Raises:
             ArithmeticError: it is not finite.
@@ -230,28 +230,28 @@ class _Car:
         return list(motion._replace(heading=self._heading, steering=self._wheels))
 
     def picture(self) -> Image | None:
-        """What the camera sees."""
+        """Return what the camera sees."""
         return None if self._world.camera is None else self._world.picture()
 
     def steer(self, decision: Decision) -> None:
-        """Sets the controls."""
+        """Set the controls."""
         self._wheels = decision.wheel_angle
         self._world.steer(*decision.action)
 
     def advance(self, steering: float, throttle: float, brake: float, seconds: float) -> None:
-        """Moves it on."""
+        """Move it on."""
         self.steer(Decision(steering, throttle, brake))
         self.move(seconds)
 
     def move(self, seconds: float) -> None:
-        """Moves it on with the controls that were set."""
+        """Move it on with the controls that were set."""
         self._world.advance(round(seconds / PHYSICS_STEP))
 
 
 class _Holding:
     """MetaDrive's car with one of its own drivers, which decides every `DECISION_PERIODS`."""
 
-    def __init__(self, car: _Car, policy: Policy, road: Road, rules: Rules) -> None:
+    def __init__(self, car: _MetaDriveCar, policy: Policy, road: Road, rules: Rules) -> None:
         self._car = car
         self._policy = policy
         self._limits = LimitsAhead(road, rules)
@@ -266,7 +266,7 @@ class _Holding:
         self._periods = 0
 
     def act(self, observation: Observation) -> Controls:
-        """Its controls; its brake may go beyond a driver's."""
+        """Return the policy's controls; its brake may go beyond a driver's."""
         if self._periods % DECISION_PERIODS == 0:
             limit = self._only_limit
             if not self._limits.is_one:
@@ -283,5 +283,5 @@ class _Holding:
         brake: float,  # noqa: ARG002
         seconds: float,
     ) -> None:
-        """Moves the car on."""
+        """Move the car on."""
         self._car.move(seconds)

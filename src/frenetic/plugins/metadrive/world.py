@@ -1,6 +1,6 @@
 """MetaDrive's engine with one road and one car: the only module that knows its environments.
 
-Coordinates are those of the road moved to start at the origin, since Bullet calculates in single
+Coordinates belong to the road moved to start at the origin, since Bullet calculates in single
 precision.
 """
 
@@ -54,7 +54,7 @@ class _PhysicsEngine(BaseEngine):  # type: ignore[misc]
 
     @staticmethod
     def try_pull_asset() -> None:
-        """Leaves the assets where they are."""
+        """Leave the assets where they are."""
 
 
 class _RoadManager(BaseManager):  # type: ignore[misc]
@@ -68,21 +68,21 @@ class _RoadManager(BaseManager):  # type: ignore[misc]
         self.current_map: Any = None
 
     def before_reset(self) -> None:
-        """Takes the last road away."""
+        """Take the last road away."""
         if self.current_map is not None:
             self.current_map.detach_from_world()
             self.current_map.destroy()
             self.current_map = None
 
     def reset(self) -> None:
-        """Builds the road."""
+        """Build the road."""
         if self.road is None:
             return
         self.current_map = ScenarioMap(map_index=0, map_data=map_data(self.road))
         self.current_map.attach_to_world()
 
     def destroy(self) -> None:
-        """Takes the road away for good."""
+        """Take the road away for good."""
         self.before_reset()
         super().destroy()
 
@@ -101,30 +101,30 @@ class _RoadEnv(BaseEnv):  # type: ignore[misc]
         return config
 
     def lazy_init(self) -> None:
-        """Starts the engine; MetaDrive's own way would download the assets first."""
+        """Start the engine; MetaDrive's own way would download the assets first."""
         if not engine_initialized():
             _PhysicsEngine(self.config)
             self.setup_engine()
 
     def setup_engine(self) -> None:
-        """Registers the managers."""
+        """Register the managers."""
         super().setup_engine()
         self.engine.register_manager("map_manager", _RoadManager())
 
     def get_single_observation(self) -> Any:
-        """Adds nothing."""
+        """Add nothing."""
         return DummyObservation()
 
     def reward_function(self, object_id: str) -> tuple[float, dict[str, Any]]:  # noqa: ARG002
-        """Adds nothing."""
+        """Add nothing."""
         return 0.0, {}
 
     def cost_function(self, object_id: str) -> tuple[float, dict[str, Any]]:  # noqa: ARG002
-        """Adds nothing."""
+        """Add nothing."""
         return 0.0, {}
 
     def done_function(self, object_id: str) -> tuple[bool, dict[str, Any]]:  # noqa: ARG002
-        """The rules end a drive, not MetaDrive."""
+        """Return the rules end a drive, not MetaDrive."""
         return False, {}
 
 
@@ -191,7 +191,7 @@ class World:
         return self._env.engine
 
     def close(self) -> None:
-        """Ends the engine."""
+        """End the engine."""
         try:
             close_engine()
         finally:
@@ -202,7 +202,7 @@ class World:
         self.vehicle = self._env.agent
 
     def _check_car(self) -> None:
-        """Checks that MetaDrive's car is the one of the drivers' setup."""
+        """Check that MetaDrive's car is the one of the drivers' setup."""
         car = self.vehicle
         for name, there, here in (
             ("length", car.LENGTH, VEHICLE.length),
@@ -249,24 +249,24 @@ class World:
         self._height = float(vehicle.origin.getZ())
 
     def picture(self) -> Image:
-        """What the camera sees now, (height, width, 3)."""
+        """Return what the camera sees now, (height, width, 3)."""
         assert self.camera is not None
         sensor, camera = self.engine.get_sensor(CAMERA), self.camera
         # On the car x points to the right and y ahead; its position is above the ground.
-        found = sensor.perceive(
+        colours = sensor.perceive(
             to_float=False,
             new_parent_node=self.vehicle.origin,
             position=(-camera.left, camera.forward, camera.up - self._height),
             hpr=(0.0, -camera.pitch, 0.0),
         )
-        return np.array(found[..., 2::-1], dtype=np.uint8)
+        return np.array(colours[..., 2::-1], dtype=np.uint8)
 
     def steer(self, steering: float, throttle_brake: float) -> None:
-        """Sets what MetaDrive calls an action, each in -1..1: steering left, throttle or brake."""
+        """Set what MetaDrive calls an action, each in -1..1: steering left, throttle or brake."""
         self.vehicle.before_step((steering, throttle_brake))
 
     def advance(self, steps: int) -> None:
-        """Moves the car on by so many steps of the physics.
+        """Move the car on by so many steps of the physics.
 
         Raises:
             ArithmeticError: the physics broke, and Panda3D noticed.
@@ -309,7 +309,7 @@ def _drawing(camera: Camera, region: int) -> dict[str, Any]:
 
 
 def map_data(road: Road) -> dict[str, dict[str, Any]]:
-    """The road in MetaDrive's terms: two lanes, solid edges, a dashed line in between."""
+    """Return the road in MetaDrive's terms: two lanes, solid edges, a dashed line in between."""
     x, y, _ = road.pose
 
     def line(offset: float) -> Any:
@@ -367,7 +367,7 @@ class Piece(NamedTuple):
 
 
 def pieces_of(road: Road) -> list[Piece]:
-    """The ego lane cut into pieces, equally long on the centre line."""
+    """Return the ego lane cut into pieces, equally long on the centre line."""
     count = max(1, round(road.length / PIECE_LENGTH))
     offset = -0.5 * road.lane_width
     pieces = []
@@ -428,7 +428,7 @@ class RoadNavigation:
         return self._width
 
     def reset(self, vehicle: Any) -> None:  # noqa: ARG002
-        """Follows the loaded road."""
+        """Follow the loaded road."""
         road = get_engine().map_manager.road
         self._width = road.lane_width
         self._pieces = pieces_of(road)
@@ -465,12 +465,12 @@ class RoadNavigation:
         return [min(max(value, 0.0), 1.0) for value in scaled]
 
     def before_reset(self) -> None:
-        """Forgets the lane, which is about to be destroyed with its map."""
+        """Forget the lane, which is about to be destroyed with its map."""
         self.current_lane = self.current_ref_lanes = None
 
     def detach_from_world(self) -> None:
-        """Removes nothing: it has no part in the world."""
+        """Remove nothing: it has no part in the world."""
 
     def destroy(self) -> None:
-        """Forgets the lane."""
+        """Forget the lane."""
         self.before_reset()

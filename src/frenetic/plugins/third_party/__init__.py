@@ -1,4 +1,4 @@
-"""Real drivers off the shelf: controllers of other projects, unmodified, from their packages.
+"""Third-party drivers: controllers of other projects, unmodified, from their packages.
 
 Each file holds the glue between an `Observation` and one package's own controller; ``vehicles`` has
 the packages' own cars. What the glue decides is said in each class, and for all of them:
@@ -20,7 +20,7 @@ from frenetic.drivers import DriveSetup, Planner, SpeedPlan
 from frenetic.errors import FreneticError
 
 LATERAL: Final = 4.0
-"""Lateral acceleration that a shelf driver accepts in bends by default, in m/s^2."""
+"""Lateral acceleration that a third-party driver accepts in bends by default, in m/s^2."""
 
 
 def package(module: str, extra: str) -> Any:
@@ -38,5 +38,5 @@ def package(module: str, extra: str) -> Any:
 
 
 def speed_plan(setup: DriveSetup, lateral: float) -> SpeedPlan:
-    """The built-in drivers' speed plan with this lateral acceleration in bends, in m/s^2."""
+    """Return the built-in drivers' speed plan with this lateral acceleration in bends, in m/s^2."""
     return SpeedPlan(setup, Planner(lateral_acceleration=lateral))

@@ -38,7 +38,7 @@ class FissPlanner:
         self._fiss = package("fiss_planner", "fiss-planner")
 
     def reset(self, setup: DriveSetup) -> None:
-        """Makes planner and controller for the car."""
+        """Make planner and controller for the car."""
         self._setup, car, config = (
             setup,
             self._fiss.VehicleParams(),
@@ -56,7 +56,7 @@ class FissPlanner:
         self._calls, self._given, self._acceleration = 0, -math.inf, 0.0
 
     def act(self, observation: Observation) -> Controls:
-        """The controller's steering and acceleration, on the map."""
+        """Return the controller's steering and acceleration, on the map."""
         o = observation
         curvature = o.yaw_rate / o.speed if o.speed > 1.0 else 0.0
         ego = self._fiss.EgoState(o.x, o.y, o.heading, o.speed, self._acceleration, curvature)

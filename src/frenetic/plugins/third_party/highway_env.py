@@ -32,15 +32,15 @@ class HighwayEnv:
         self._controller = package("highway_env.vehicle.controller", "highway-env")
 
     def reset(self, setup: DriveSetup) -> None:
-        """Puts its vehicle onto an endless lane."""
+        """Put its vehicle onto an endless lane."""
         self._setup, self._plan = setup, speed_plan(setup, self.options["lateral"])
-        self._lane, network = _Lane(), self._road.RoadNetwork()
+        self._lane, network = _HighwayLane(), self._road.RoadNetwork()
         network.add_lane("here", "there", self._lane)
         self._vehicle = self._controller.ControlledVehicle(self._road.Road(network), (0.0, 0.0))
         self._vehicle.LENGTH = setup.wheelbase
 
     def act(self, observation: Observation) -> Controls:
-        """Its steering and acceleration, in the car's frame."""
+        """Return steering and acceleration, in the car's frame."""
         self._lane.observation = observation
         self._vehicle.speed = observation.speed
         self._vehicle.target_speed = self._plan.speed(observation)
@@ -51,7 +51,7 @@ class HighwayEnv:
         )
 
 
-class _Lane:
+class _HighwayLane:
     """The lane as its vehicle asks about it: distance ahead of the car, offset to the left."""
 
     observation: Observation | None = None

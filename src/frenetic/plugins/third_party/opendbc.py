@@ -12,9 +12,9 @@ from frenetic.plugins.third_party import package, speed_plan
 PREVIEW: Final = 0.2
 """How far ahead the lane's curvature is taken, in s."""
 RETURN: Final = 1.0
-"""How fast the car returns to the lane's centre, in 1/s."""
+"""Rate at which the car returns to the lane's centre, in 1/s."""
 _MASS: Final = 1500.0  # kg, where the simulator does not say
-_STIFFNESS: Final = 1e5  # N/rad of both axles, likewise
+_STIFFNESS: Final = 1e5  # N/rad of both axles
 
 
 class Opendbc:
@@ -45,7 +45,7 @@ class Opendbc:
         self._limited = package("opendbc.car.lateral", "opendbc").apply_steer_angle_limits_vm
 
     def reset(self, setup: DriveSetup) -> None:
-        """Makes opendbc's model of the car."""
+        """Make opendbc's model of the car."""
         self._plan, self._angle = speed_plan(setup, self.options["lateral"]), 0.0
         front, rear = setup.front_axle, setup.rear_axle
         self._car = self._model(
@@ -54,14 +54,14 @@ class Opendbc:
                 rotationalInertia=setup.yaw_inertia or _MASS * front * rear,
                 wheelbase=setup.wheelbase,
                 centerToFront=front,
-                steerRatio=12.0,  # that of the Tesla
+                steerRatio=12.0,  # the Tesla's ratio
                 tireStiffnessFront=setup.front_cornering_stiffness or _STIFFNESS * rear,
                 tireStiffnessRear=setup.rear_cornering_stiffness or _STIFFNESS * front,
             )
         )
 
     def act(self, observation: Observation) -> Controls:
-        """The angle of the steering wheel, limited."""
+        """Return the angle of the steering wheel, limited."""
         speed = max(observation.speed, 3.0)
         lane = observation.lane(spacing=1.0, ahead=PREVIEW * speed + 1.0)
         course = observation.heading_error + math.atan2(observation.lateral_speed, speed)

@@ -41,7 +41,7 @@ class RoxControl:
         self._track = package("rox_control", "rox-control").Track
 
     def reset(self, setup: DriveSetup) -> None:
-        """Makes the controller."""
+        """Make the controller."""
         self._setup, self._plan = setup, speed_plan(setup, self.options["lateral"])
         reach = self.options["look_ahead"]
         self._pursuit = self._controllers.PurePursuitA(
@@ -49,7 +49,7 @@ class RoxControl:
         )
 
     def act(self, observation: Observation) -> Controls:
-        """Its curvature, in the frame of the rear axle."""
+        """Return the curvature to drive, in the frame of the rear axle."""
         lane = observation.lane(spacing=SPACING, ahead=AHEAD, behind=SPACING)
         rear = self._setup.rear_axle
         self._pursuit.set_track(self._track([(x + rear, y) for x, y in lane.points.tolist()]))

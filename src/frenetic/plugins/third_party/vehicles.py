@@ -1,4 +1,4 @@
-"""The cars that the packages of the shelf bring, as simulators.
+"""The cars that the third-party packages bring, as simulators.
 
 A driver that fails in its own package's car fails by itself, not by the glue. Named
 ``frenetic.plugins.third_party.vehicles:HighwayEnvCar`` and the like on the command line.
@@ -40,17 +40,17 @@ class OwnCar(SteppedSimulator):
         self.steering_lag = steering_lag
 
     def setup(self, road: Road) -> DriveSetup:
-        """The setup of a drive along the road for its driver."""
+        """Return the setup of a drive along the road for its driver."""
         return replace(super().setup(road), steering_lag=self.steering_lag)
 
     def start(self, road: Road, pose: Pose, setup: DriveSetup) -> Motion:  # noqa: ARG002
-        """Puts the car at rest on the road."""
+        """Put the car at rest on the road."""
         self._wheels = 0.0
         self._place(pose)
         return self._motion()
 
     def step(self, steering: float, throttle: float, brake: float, seconds: float) -> Motion:
-        """Moves the car on."""
+        """Move the car on."""
         wanted = throttle * self.max_acceleration - brake * self.max_deceleration
         share = 1.0 - math.exp(-STEP / self.steering_lag) if self.steering_lag > 0.0 else 1.0
         for _ in range(round(seconds / STEP)):
@@ -62,7 +62,7 @@ class OwnCar(SteppedSimulator):
         raise NotImplementedError
 
     def _advance(self, acceleration: float) -> None:
-        """Moves on by a `STEP` with the wheels as they are."""
+        """Move on by a `STEP` with the wheels as they are."""
         raise NotImplementedError
 
     def _motion(self) -> Motion:
@@ -114,7 +114,7 @@ class OpendbcCar(OwnCar):
         return params
 
     def setup(self, road: Road) -> DriveSetup:
-        """The setup of a drive along the road for its driver."""
+        """Return the setup of a drive along the road for its driver."""
         p = self._params()
         return replace(
             super().setup(road),
@@ -183,7 +183,7 @@ class FissCar(OwnCar):
         self._car = self._fiss.KinematicBicycle(params, self._fiss.EgoState(*pose, 0.0, 0.0, 0.0))
 
     def setup(self, road: Road) -> DriveSetup:
-        """The setup of a drive along the road for its driver."""
+        """Return the setup of a drive along the road for its driver."""
         return replace(super().setup(road), steering_rate=0.5)
 
     def _advance(self, acceleration: float) -> None:

@@ -11,12 +11,12 @@ from frenetic._support.lazy_names import import_name
 
 if TYPE_CHECKING:
     from frenetic.plugins.twin.foresight import foresight
-    from frenetic.plugins.twin.profile import Profile
+    from frenetic.plugins.twin.profile import TwinProfile
 
-__all__ = ["Profile", "foresight"]
+__all__ = ["TwinProfile", "foresight"]
 
 _MODULES = {
-    "Profile": "frenetic.plugins.twin.profile",
+    "TwinProfile": "frenetic.plugins.twin.profile",
     "foresight": "frenetic.plugins.twin.foresight",
 }
 """Public name -> module from which `__getattr__` imports it on use."""

@@ -23,7 +23,7 @@ from frenetic.drivers.driver import Driver
 from frenetic.errors import FreneticError
 from frenetic.oracle.drive import Drive, Rules
 from frenetic.oracle.verdict import Assessment, assess
-from frenetic.plugins.twin.model import Model
+from frenetic.plugins.twin.model import TwinModel
 from frenetic.plugins.twin.profile import Fitted
 from frenetic.road import Road
 from frenetic.simulators.conditions import in_conditions
@@ -52,7 +52,7 @@ _SPREADS: Final = np.array([[1.0], [2.0]])  # [m, m/s] of offset and speed that 
 _LIMIT: Final = 1.96  # standard errors of a difference in loss up to which values are as good
 _WIDE: Final = 0.5  # share of the bounds' distance from which on a parameter is not determined
 _ALONE: Final = np.array([0.01, 0.03, 0.1, 0.3])  # steps by which a parameter is tried beside it
-_EDGE: Final = 0.02  # least distance from the bounds of what is not at them
+_EDGE: Final = 0.02  # least distance from a bound of a value that is not at the bound
 _TRIED: Final = 100  # drives on which values are tried beside the best ones, about
 _FEW_RUNS: Final = 5  # below which roads, in place of runs, count as independent
 
@@ -70,7 +70,7 @@ class RecordedDrive:
     """Name of the run that drove it, such as one campaign."""
 
     def until(self, offset: float) -> RecordedDrive:
-        """The drive up to the first place with a larger offset, in m."""
+        """Return the drive up to the first place with a larger offset, in m."""
         out = np.flatnonzero(np.abs(self.states[0]) > offset)
         end = max(int(out[0]) + 1, LEAST) if len(out) else None
         return replace(self, states=self.states[:, :end])
@@ -87,35 +87,39 @@ class RecordedDrive:
 
 
 def on_grid(distance: FloatArray, offset: FloatArray, speed: FloatArray) -> FloatArray:
-    """Offset and speed every `GRID` m from the road's start, (2, n)."""
+    """Return offset and speed every `GRID` m from the road's start, (2, n)."""
     ahead = np.maximum.accumulate(distance)
     keep = np.concatenate(([True], np.diff(ahead) > 0.0))
     places = GRID * np.arange(math.floor(ahead[-1] / GRID) + 1)
-    return np.array([np.interp(places, ahead[keep], one[keep]) for one in (offset, speed)])
+    return np.array([np.interp(places, ahead[keep], column[keep]) for column in (offset, speed)])
 
 
-def states_of(drive: Drive, seen: Assessment) -> FloatArray:
-    """Offset and speed every `GRID` m of a drive that was assessed, (2, n)."""
-    return on_grid(seen.distance, seen.lateral_offset, drive.trajectory.speed[: len(seen.distance)])
+def states_of(drive: Drive, assessment: Assessment) -> FloatArray:
+    """Return offset and speed every `GRID` m of a drive that was assessed, (2, n)."""
+    return on_grid(
+        assessment.distance,
+        assessment.lateral_offset,
+        drive.trajectory.speed[: len(assessment.distance)],
+    )
 
 
 def drive_twin(
     simulator: Simulator, driver: Driver, road: Road, conditions: Mapping[str, int | float]
 ) -> Drive:
-    """The twin's drive in conditions."""
-    with in_conditions(conditions, simulator, driver) as own:
-        return simulator.drive(road, own)
+    """Return the twin's drive in conditions."""
+    with in_conditions(conditions, simulator, driver) as changed:
+        return simulator.drive(road, changed)
 
 
 @dataclass(frozen=True)
 class Fit:
     """The fit of a model by some rules; places of its parameters are 0..1 between their bounds."""
 
-    model: Model
+    model: TwinModel
     rules: Rules
 
     def parts(self, places: FloatArray) -> tuple[Driver, EmbeddedSimulator]:
-        """Driver and simulator at places.
+        """Return driver and simulator at places.
 
         Raises:
             FreneticError: there is no such driver.
@@ -126,57 +130,57 @@ class Fit:
     def drives(
         self, places: FloatArray, drives: Iterable[RecordedDrive]
     ) -> Iterator[tuple[RecordedDrive, Drive]]:
-        """Each drive with the twin's, in its conditions; raises as `parts` does."""
+        """Yield each drive with the twin's, in its conditions; raises as `parts` does."""
         driver, simulator = self.parts(places)
         with driving(RoadTester(simulator, driver), isolate=True) as drive:
-            for one in drives:
-                yield one, drive(one.road, one.conditions)
+            for recorded in drives:
+                yield recorded, drive(recorded.road, recorded.conditions)
 
     def differences(self, places: FloatArray, drives: Sequence[RecordedDrive]) -> list[FloatArray]:
-        """Weighted differences from each drive, whose squares add up to its loss.
+        """Return the weighted differences from each drive, whose squares add up to its loss.
 
         Raises:
             FreneticError: there is no such driver, or it broke.
             ValueError: there is no such car.
         """
-        found = []
-        for one, drive in self.drives(places, drives):
+        differences = []
+        for recorded, drive in self.drives(places, drives):
             if drive.trouble is not None:
                 raise FreneticError(f"the driver broke: {drive.trouble.reason}")
-            own = states_of(drive, assess(one.road, drive, has_shares=False))
-            m = one.states.shape[1]
-            k = min(m, own.shape[1])
+            states = states_of(drive, assess(recorded.road, drive, has_shares=False))
+            m = recorded.states.shape[1]
+            k = min(m, states.shape[1])
             away = np.full((2, m), _WORST)  # where the twin did not come
-            away[0] *= np.sign(own[0, k - 1])
-            apart = (own[:, :k] - one.states[:, :k]) / _SPREADS
+            away[0] *= np.sign(states[0, k - 1])
+            apart = (states[:, :k] - recorded.states[:, :k]) / _SPREADS
             away[:, :k] = _WORST * np.tanh(apart / _WORST)
-            found.append((away * one.weights).ravel())
-        return found
+            differences.append((away * recorded.weights).ravel())
+        return differences
 
     def fitted(
         self, places: FloatArray, drives: Sequence[RecordedDrive]
     ) -> tuple[float, FloatArray]:
-        """Loss and places after a fit that begins at some."""
+        """Return loss and places after a fit that begins at these places."""
         loss = math.inf
         for offset, count, steps, apart in _STAGES:
-            some = [one.until(offset) for one in drives[:: max(len(drives) // count, 1)]]
+            some = [drive.until(offset) for drive in drives[:: max(len(drives) // count, 1)]]
             loss, places = self._descended(places, some, steps, apart)
         return loss, places
 
     def _descended(
         self, x: FloatArray, drives: Sequence[RecordedDrive], steps: int, apart: float
     ) -> tuple[float, FloatArray]:
-        """Loss and places after some steps; slopes are first taken between places ``apart``."""
-        found = self._residuals(x, drives)
-        if found is None:
+        """Return loss and places after some steps; the first slopes span a distance ``apart``."""
+        residuals = self._residuals(x, drives)
+        if residuals is None:
             return math.inf, x
-        loss, damping = float(found @ found), _DAMPING
+        loss, damping = float(residuals @ residuals), _DAMPING
         for _ in range(steps):
-            slopes = self._slopes(x, found, drives, apart)
+            slopes = self._slopes(x, residuals, drives, apart)
             normal = slopes.T @ slopes + _RIDGE * np.eye(len(x))
             for more in (1.0, 10.0, 100.0):
                 damped = normal + more * damping * np.diag(np.diag(normal))
-                step = np.linalg.solve(damped, -slopes.T @ found)
+                step = np.linalg.solve(damped, -slopes.T @ residuals)
                 tried = np.clip(x + np.clip(step, -_LONGEST, _LONGEST), 0.0, 1.0)
                 other = self._residuals(tried, drives)
                 if other is not None and (lower := float(other @ other)) < loss:
@@ -188,31 +192,31 @@ class Fit:
                 continue
             if lower > _LITTLE * loss:
                 apart = max(0.5 * apart, _SHORTEST)
-            x, found, loss = tried, other, lower
+            x, residuals, loss = tried, other, lower
             damping = max(0.25 * more * damping, _LEAST_DAMPING)
         return loss, x
 
     def _slopes(
-        self, x: FloatArray, found: FloatArray, drives: Sequence[RecordedDrive], apart: float
+        self, x: FloatArray, residuals: FloatArray, drives: Sequence[RecordedDrive], apart: float
     ) -> FloatArray:
-        slopes = np.zeros((len(found), len(x)))
+        slopes = np.zeros((len(residuals), len(x)))
         for k in range(len(x)):
             moved = x.copy()
             moved[k] += apart if x[k] < 0.5 else -apart
             other = self._residuals(moved, drives)
             if other is not None:
-                slopes[:, k] = (other - found) / (moved[k] - x[k])
+                slopes[:, k] = (other - residuals) / (moved[k] - x[k])
         return slopes
 
     def _residuals(self, places: FloatArray, drives: Sequence[RecordedDrive]) -> FloatArray | None:
-        """Differences from all drives, (m,), whose square is the loss; None without a twin."""
-        found = self._tried(places, drives)
-        return None if found is None else _residuals(found)
+        """Return the residuals of all drives, (m,), whose square is the loss, or None."""
+        differences = self._tried(places, drives)
+        return None if differences is None else _residuals(differences)
 
     def _tried(
         self, places: FloatArray, drives: Sequence[RecordedDrive]
     ) -> list[FloatArray] | None:
-        """`differences`, or None without a twin."""
+        """Return the `differences`, or None without a twin."""
         try:
             return self.differences(places, drives)
         except (FreneticError, ValueError):
@@ -221,25 +225,26 @@ class Fit:
     def intervals(
         self, best: FloatArray, drives: Sequence[RecordedDrive], others: Sequence[FloatArray]
     ) -> list[Fitted]:
-        """What the drives say about each parameter.
+        """Return what the drives say about each parameter.
 
         A value explains them as well as the best one if the loss with it is larger by no more than
         `_LIMIT` standard errors of that difference, over runs (over roads where there are few):
         alone, or with the other parameters where their slopes say that they make up for it. Values
-        as good, and those of others, are the interval, widened to the next one that was worse:
-        what lies between was not driven. A parameter is determined if that is less than half as
-        wide as its bounds and ends at neither of them: beyond a bound, values may be as good.
+        as good, and the values of other fits, are the interval, widened to the next one that was
+        worse: what lies between was not driven. A parameter is determined if the interval is less
+        than half as wide as its bounds and ends at neither of them: beyond a bound, values may be
+        as good.
 
         Args:
-            best: places.
-            drives: they were fitted to.
+            best: places that were fitted to the drives.
+            drives: the recorded drives.
             others: places that were fitted to parts of the drives.
         """
         some = drives[:: max(len(drives) // _TRIED, 1)]
         labels = group_labels(some)
-        found = self.differences(best, some)
-        least = _losses(found)
-        slopes = self._slopes(best, _residuals(found), some, _EDGE)
+        differences = self.differences(best, some)
+        least = _losses(differences)
+        slopes = self._slopes(best, _residuals(differences), some, _EDGE)
         normal = slopes.T @ slopes + _RIDGE * np.eye(len(best))
 
         def is_as_good(places: FloatArray) -> bool:
@@ -251,15 +256,20 @@ class Fit:
 
         fitted = []
         for k, parameter in enumerate(self.model.parameters):
-            own = float(best[k])
-            good = [own, *(float(one[k]) for one in others)]
+            fitted_place = float(best[k])
+            good = [fitted_place, *(float(other[k]) for other in others)]
             worse: list[float] = []
             rest = np.arange(len(best)) != k
             along = np.zeros(len(best))
             along[k] = 1.0
             along[rest] = -np.linalg.solve(normal[np.ix_(rest, rest)], normal[rest, k])
-            for place in np.clip([0.0, 1.0, *(own - _ALONE), *(own + _ALONE)], 0.0, 1.0).tolist():
-                alone, made_up = best.copy(), np.clip(best + (place - own) * along, 0.0, 1.0)
+            for place in np.clip(
+                [0.0, 1.0, *(fitted_place - _ALONE), *(fitted_place + _ALONE)], 0.0, 1.0
+            ).tolist():
+                alone, made_up = (
+                    best.copy(),
+                    np.clip(best + (place - fitted_place) * along, 0.0, 1.0),
+                )
                 alone[k] = made_up[k] = place
                 (good if is_as_good(alone) or is_as_good(made_up) else worse).append(place)
             low, high = min(good), max(good)
@@ -269,7 +279,7 @@ class Fit:
             fitted.append(
                 Fitted(
                     name=str(parameter),
-                    value=parameter.at(own),
+                    value=parameter.at(fitted_place),
                     low=parameter.low,
                     high=parameter.high,
                     from_=parameter.at(low),
@@ -281,20 +291,22 @@ class Fit:
         return fitted
 
 
-def _losses(found: Sequence[FloatArray]) -> FloatArray:
-    """Loss of each drive, (n,)."""
-    return np.array([float(one @ one) for one in found])
+def _losses(differences: Sequence[FloatArray]) -> FloatArray:
+    """Return the loss of each drive, (n,)."""
+    return np.array([float(difference @ difference) for difference in differences])
 
 
-def _residuals(found: Sequence[FloatArray]) -> FloatArray:
-    """The differences of all drives, (m,), whose square is the loss."""
-    residuals: FloatArray = np.concatenate(found) / math.sqrt(len(found))
+def _residuals(differences: Sequence[FloatArray]) -> FloatArray:
+    """Return the residuals of all drives, (m,), whose square is the loss."""
+    residuals: FloatArray = np.concatenate(differences) / math.sqrt(len(differences))
     return residuals
 
 
-def difference(one: FloatArray, other: FloatArray, labels: IntArray) -> tuple[float, float]:
-    """The difference of two mean losses, (n,) each, and its standard error over groups."""
-    d = one - other
+def difference(
+    losses: FloatArray, other_losses: FloatArray, labels: IntArray
+) -> tuple[float, float]:
+    """Return the difference of two mean losses, (n,) each, and its standard error over groups."""
+    d = losses - other_losses
     mean = float(d.mean())
     groups = np.bincount(labels, weights=d - mean)
     factor = len(groups) / max(len(groups) - 1, 1)
@@ -302,6 +314,6 @@ def difference(one: FloatArray, other: FloatArray, labels: IntArray) -> tuple[fl
 
 
 def group_labels(drives: Sequence[RecordedDrive]) -> IntArray:
-    """(n,) number of the independent group of each drive: its run, or itself if runs are few."""
-    runs, labels = np.unique([one.run for one in drives], return_inverse=True)
+    """Return each drive's independent group, (n,): its run, or the drive itself if runs are few."""
+    runs, labels = np.unique([drive.run for drive in drives], return_inverse=True)
     return labels.astype(np.int64) if len(runs) >= _FEW_RUNS else np.arange(len(drives))

@@ -20,8 +20,8 @@ from frenetic.errors import FreneticError
 from frenetic.parts.registry import STRATEGIES, hint
 from frenetic.parts.versions import SHORT
 from frenetic.plugins.twin.fitting import LEAST, Fit, RecordedDrive, drive_twin, on_grid
-from frenetic.plugins.twin.model import Model
-from frenetic.plugins.twin.profile import Profile
+from frenetic.plugins.twin.model import TwinModel
+from frenetic.plugins.twin.profile import TwinProfile
 from frenetic.plugins.twin.recordings import RecordedTerms
 from frenetic.road import Road
 from frenetic.search import Frenetic
@@ -37,17 +37,17 @@ LAWS: Final = {
 }
 """Driver -> the parameters of its steering that are fitted."""
 SPEED: Final = ("lateral_acceleration=1.5:40", "braking=0.8:10", "speed_gain=0.3:6")
-"""Those of its speed."""
+"""Parameters of the driver's speed that are fitted."""
 CAR: Final = (
     "vehicle.tyre_peak=0.4:1.5",
     "vehicle.steering_lag=0.02:0.6",
     "vehicle.steering_rate=0.15:2",
     "vehicle.engine_acceleration=1.5:12",
 )
-"""Those of the car."""
+"""Parameters of the car that are fitted."""
 
-_FIRST_FIT: Final = 20  # drives before it
-_GROWTH: Final = 1.5  # of the number of drives from one fit to the next
+_FIRST_FIT: Final = 20  # drives before the first fit
+_GROWTH: Final = 1.5  # growth of the number of drives from one fit to the next
 _FITTED: Final = 40  # drives that a fit looks at, half of them the last ones
 _HOPELESS: Final = 4.0  # times the least loss, with which a law is not fitted again
 
@@ -55,15 +55,15 @@ _HOPELESS: Final = 4.0  # times the least loss, with which a law is not fitted a
 def foresight(
     spec: Spec, profile: Path | str | None = None, vehicle: str | None = None, **options: Any
 ) -> Frenetic:
-    """Frenetic, which first looks in a twin that learns the driver what roads will bring.
+    """Return Frenetic with a twin that learns the driver and foresees how roads will be driven.
 
     Args:
-        spec: of the campaign.
+        spec: spec of the campaign.
         profile: file of a twin's profile, which foresees from the start; what it says to be fitted
             is fitted on. By default the laws of `LAWS` are.
         vehicle: name of their car, one of `CARS`; by default that with the simulator's name, if
             there is one.
-        options: of `Frenetic`.
+        options: options of `Frenetic`.
 
     Raises:
         FreneticError: the profile cannot be read, or is for other terms; its driver is not
@@ -75,25 +75,27 @@ def foresight(
             f"the strategy foresight has no option {unknown[0]!r}{hint(unknown[0], known)}"
             f" It has: profile, vehicle, {', '.join(sorted(known - options.keys()))}"
         )
-    given = {}
+    twin_options = {}
     if profile is None:
         simulator = spec.part("simulator").name
         if vehicle is None and simulator in CARS:
             vehicle = simulator
-        fit = {law: [*SPEED, *own, *CAR] for law, own in LAWS.items()}
+        fit = {law: [*SPEED, *steering, *CAR] for law, steering in LAWS.items()}
         car = {} if vehicle is None else {"name": vehicle}
-        models = [Model.of(law, names, vehicle=car) for law, names in fit.items()]
+        models = [TwinModel.of(law, names, vehicle=car) for law, names in fit.items()]
     else:
-        read = Profile.read(profile)
-        theirs, ours = (_recorded_terms(one) for one in (read.spec(), spec))
-        if differing := theirs.differences(ours):
+        twin_profile = TwinProfile.read(profile)
+        profile_terms, search_terms = (
+            _recorded_terms(source) for source in (twin_profile.spec(), spec)
+        )
+        if differing := profile_terms.differences(search_terms):
             raise FreneticError(
                 f"{profile} is the profile of a twin for other terms ({differing}): give the search"
                 " the same, or calibrate a twin for them"
             )
-        models = [Model.of_profile(read)]
-        given["profile"] = f"{profile} (SHA-256 {read.digest()[:SHORT]})"
-    own: dict[str, Any] = {
+        models = [TwinModel.of_profile(twin_profile)]
+        twin_options["profile"] = f"{profile} (SHA-256 {twin_profile.digest()[:SHORT]})"
+    search_options: dict[str, Any] = {
         "seed": spec.seed,
         "map_size": spec.terms.map_size,
         "road_class": spec.road_class,
@@ -102,8 +104,8 @@ def foresight(
     }
     twin = OnlineTwin(models, spec, is_ready=profile is not None)
     if vehicle is not None:
-        given["vehicle"] = vehicle
-    return ForesightSearch(twin, given, **own)
+        twin_options["vehicle"] = vehicle
+    return ForesightSearch(twin, twin_options, **search_options)
 
 
 def _recorded_terms(spec: Spec) -> RecordedTerms:
@@ -114,9 +116,9 @@ class ForesightSearch(Frenetic):
     """`Frenetic` with the foresight of a twin.
 
     Args:
-        twin: which foresees.
+        twin: the twin that foresees.
         made_with: what the twin was made with, for a campaign's record.
-        options: of `Frenetic`.
+        options: options of `Frenetic`.
     """
 
     BEHAVIOUR: ClassVar[int] = 100 * Frenetic.BEHAVIOUR + 1
@@ -141,49 +143,51 @@ class OnlineTwin:
         FreneticError: a model's driver is not compiled.
     """
 
-    def __init__(self, models: Sequence[Model], spec: Spec, *, is_ready: bool = False) -> None:
+    def __init__(self, models: Sequence[TwinModel], spec: Spec, *, is_ready: bool = False) -> None:
         self._fits = [Fit(model, rules_in(spec.conditions, spec.rules)) for model in models]
         self._spec = spec
         self._objective = Objective.load(spec.named_objective)
-        self._places = [np.array([one.place for one in model.parameters]) for model in models]
+        self._places = [
+            np.array([parameter.place for parameter in model.parameters]) for model in models
+        ]
         self._losses = [math.inf] * len(models)
         self._best = 0
         self._drives: list[tuple[Candidate, FloatArray]] = []
         self._next_fit = _FIRST_FIT
         self.is_ready = is_ready
         """Whether it can tell what the driver will do."""
-        made = [fit.parts(places) for fit, places in zip(self._fits, self._places, strict=True)]
-        for model, (driver, simulator) in zip(models, made, strict=True):
+        parts = [fit.parts(places) for fit, places in zip(self._fits, self._places, strict=True)]
+        for model, (driver, simulator) in zip(models, parts, strict=True):
             if not simulator.drives_compiled(driver):
                 raise FreneticError(
                     f"{model.driver} is no driver for a twin that drives thousands of"
                     " roads: choose one of ours, such as planner or stanley"
                 )
-        self._parts = made[0]  # the best model's
+        self._parts = parts[0]  # the best model's
         self._variable = capabilities(self._parts[1]).variable
 
     # Foreseeing
 
     def foresee(self, candidate: Candidate) -> Evaluation | None:
-        """The twin's evaluation of a candidate; None if it comes to no end on its road."""
+        """Return the twin's evaluation of a candidate; None if it comes to no end on its road."""
         road = self._road(candidate)
         driver, simulator = self._parts
         drive = drive_twin(simulator, driver, road, self._conditions(candidate))
-        seen = evaluate(candidate, road, drive, objective=self._objective)
-        return seen if seen.outcome.is_driven else None
+        evaluation = evaluate(candidate, road, drive, objective=self._objective)
+        return evaluation if evaluation.outcome.is_driven else None
 
     def facts(self) -> Mapping[str, Any]:
-        """The twin, and its loss in the last fit: 0 if it drives alike."""
+        """Return the twin, and its loss in the last fit: 0 if it drives alike."""
         loss, model = self._losses[self._best], self._fits[self._best].model
         values = model.values(self._places[self._best].tolist())
         words = [f"{name.partition('.')[2]} {value:.3g}" for name, value in values.items()]
-        said = {"twin": ", ".join([model.driver, *words])}
-        return said if math.isinf(loss) else {**said, "loss": float(f"{loss:.2g}")}
+        facts = {"twin": ", ".join([model.driver, *words])}
+        return facts if math.isinf(loss) else {**facts, "loss": float(f"{loss:.2g}")}
 
     # Learning
 
     def learn(self, candidate: Candidate, evaluation: Evaluation) -> None:
-        """Takes a drive; fits now and then."""
+        """Take a drive; fit now and then."""
         trace = evaluation.trace
         if trace is None or len(trace.distance) < 2 or not self._places[self._best].size:
             return
@@ -208,8 +212,8 @@ class OnlineTwin:
         hopeless = _HOPELESS * min(self._losses)
         for number, loss in enumerate(self._losses):
             if loss <= hopeless:
-                found = self._fits[number].fitted(self._places[number], drives)
-                self._losses[number], self._places[number] = found
+                fitted = self._fits[number].fitted(self._places[number], drives)
+                self._losses[number], self._places[number] = fitted
         self._best = int(np.argmin(self._losses))
         self._parts = self._fits[self._best].parts(self._places[self._best])
         self.is_ready = True

@@ -1,4 +1,4 @@
-"""The twin's model: a driver and a car, and those of their parameters that are fitted."""
+"""The twin's model: a driver and a car, and the parameters that are fitted."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ from frenetic.drivers.loading import load_driver
 from frenetic.errors import FreneticError
 from frenetic.oracle.drive import Rules
 from frenetic.parts.registry import DRIVERS, hint, options_of
-from frenetic.plugins.twin.profile import Fitted, Profile
+from frenetic.plugins.twin.profile import Fitted, TwinProfile
 from frenetic.simulators.embedded import EmbeddedSimulator
 from frenetic.simulators.embedded.vehicle import Vehicle
 from frenetic.spec import Spec
 
-Owner: TypeAlias = Literal["driver", "vehicle", "layer"]
+ParameterOwner: TypeAlias = Literal["driver", "vehicle", "layer"]
 
 SPAN: Final = 4.0
 """A parameter without stated bounds is searched from its value over this to its value times it."""
@@ -33,42 +33,42 @@ _FITTED_LAYERS: Final = ("delay",)  # noise differs from drive to drive, and a v
 class Parameter:
     """A parameter to be fitted, with its bounds."""
 
-    owner: Owner
+    owner: ParameterOwner
     name: str
     low: float
     high: float
     start: float
-    """Its value before the fit."""
+    """Value before the fit."""
 
     @classmethod
     def of(cls, fitted: Fitted) -> Self:
-        """The parameter of a profile, which starts where it was fitted to."""
+        """Return the parameter of a profile, which starts where it was fitted to."""
         owner, _, name = fitted.name.partition(".")
         low, high = min(fitted.low, fitted.value), max(fitted.high, fitted.value)
-        return cls(owner, name, low, high, fitted.value)  # type: ignore[arg-type]  # an Owner
+        return cls(owner, name, low, high, fitted.value)  # type: ignore[arg-type]  # a ParameterOwner
 
     def __str__(self) -> str:
         return f"{self.owner}.{self.name}"
 
     def at(self, place: float) -> float:
-        """The value at a place 0..1 between the bounds; by logarithms if both are positive."""
+        """Return the value at a place 0..1 between the bounds; logarithmic if both are positive."""
         place = min(max(place, 0.0), 1.0)
         if self.low > 0.0:
-            found = math.exp(math.log(self.low) + place * math.log(self.high / self.low))
+            value = math.exp(math.log(self.low) + place * math.log(self.high / self.low))
         else:
-            found = self.low + place * (self.high - self.low)
-        return min(max(found, self.low), self.high)
+            value = self.low + place * (self.high - self.low)
+        return min(max(value, self.low), self.high)
 
     @property
     def place(self) -> float:
-        """The place 0..1 of its start between the bounds."""
+        """Place 0..1 of the start between the bounds."""
         if self.low > 0.0:
             return math.log(self.start / self.low) / math.log(self.high / self.low)
         return (self.start - self.low) / (self.high - self.low)
 
 
 @dataclass(frozen=True)
-class Model:
+class TwinModel:
     """A driver and a car before the fit."""
 
     driver: str
@@ -86,15 +86,15 @@ class Model:
         *,
         driver_options: Mapping[str, Any] | None = None,
         vehicle: Mapping[str, float | str] | None = None,
-    ) -> Model:
-        """The model of a driver, with the parameters that are asked for.
+    ) -> TwinModel:
+        """Return the model of a driver, with the parameters that are asked for.
 
         Args:
             driver: as for `frenetic.drivers.loading.load_driver`.
             fit: one or more parameters, with or without owner and bounds: ``braking``,
                 ``vehicle.friction=0.5:1.2``.
-            driver_options: of the driver; what is fitted begins there.
-            vehicle: the car, as `Vehicle.of` takes it, likewise.
+            driver_options: options of the driver; the fit begins at them.
+            vehicle: the car, as `Vehicle.of` takes it; the fit begins at it.
 
         Raises:
             FreneticError: the driver or car cannot be made, there is no such parameter, or its
@@ -105,14 +105,14 @@ class Model:
         if not fit:
             raise FreneticError("nothing is to be fitted: name parameters, such as braking")
         try:
-            made, _ = model.make({}, Rules())
+            default_driver, _ = model.make({}, Rules())
         except ValueError as error:
             raise FreneticError(str(error)) from None
-        if brought := getattr(under_layers(made), "VEHICLE", None):
+        if brought := getattr(under_layers(default_driver), "VEHICLE", None):
             model = replace(model, vehicle={"name": brought, **model.vehicle})
         car = Vehicle.of(model.vehicle)
         arguments = DRIVERS.construction(driver, driver_options or {}, {}).arguments
-        options = {**(options_of(made) or {}), **arguments}
+        options = {**(options_of(default_driver) or {}), **arguments}
         known = {
             f"driver.{name}": float(value)
             for name, value in options.items()
@@ -130,15 +130,15 @@ class Model:
         return replace(model, parameters=tuple(parameters.values()))
 
     @classmethod
-    def of_profile(cls, profile: Profile) -> Model:
-        """The model of a twin's profile, with the parameters that it says were fitted.
+    def of_profile(cls, profile: TwinProfile) -> TwinModel:
+        """Return the model of a twin's profile, with the parameters that it says were fitted.
 
         Raises:
             FreneticError: the profile is out of range, or has layers that were not fitted.
         """
         spec = profile.spec()
-        fitted = [Parameter.of(one) for one in profile.fitted]
-        known = {(one.owner, one.name) for one in fitted}
+        fitted = [Parameter.of(parameter) for parameter in profile.fitted]
+        known = {(parameter.owner, parameter.name) for parameter in fitted}
         if left := [name for name in spec.conditions if ("layer", name) not in known]:
             raise FreneticError(
                 f"the profile {profile.name!r} has a layer {left[0]}, which nobody fitted: a twin"
@@ -151,25 +151,25 @@ class Model:
 
     def _parameter(self, text: str, known: Mapping[str, float]) -> Parameter:
         asked, equals, bounds = (part.strip() for part in text.partition("="))
-        found = [name for name in known if asked in (name, name.partition(".")[2])]
-        if not found:
+        matches = [name for name in known if asked in (name, name.partition(".")[2])]
+        if not matches:
             plain = [name.partition(".")[2] for name in known]
-            own = [name for name in known if name.startswith("driver.")]
+            driver_parameters = [name for name in known if name.startswith("driver.")]
             raise FreneticError(
                 f"there is no parameter {asked!r} to fit{hint(asked, [*plain, *known])}"
                 f" {self.driver} has:"
-                f" {', '.join(own) or 'none that is a number'}; beside: layer.delay, and vehicle."
-                f" followed by {', '.join(item.name for item in fields(Vehicle))}"
+                f" {', '.join(driver_parameters) or 'none that is a number'}; beside: layer.delay,"
+                f" and vehicle. followed by {', '.join(item.name for item in fields(Vehicle))}"
             )
-        if len(found) > 1:
-            raise FreneticError(f"{asked!r} may be {' or '.join(found)}: say which one")
-        owner, _, name = found[0].partition(".")
-        start = known[found[0]]
-        whole = Parameter(owner, name, start, start, start)  # type: ignore[arg-type]  # an Owner
+        if len(matches) > 1:
+            raise FreneticError(f"{asked!r} may be {' or '.join(matches)}: say which one")
+        owner, _, name = matches[0].partition(".")
+        start = known[matches[0]]
+        whole = Parameter(owner, name, start, start, start)  # type: ignore[arg-type]  # a ParameterOwner
         if not equals:
             if start <= 0.0:
                 raise FreneticError(
-                    f"{found[0]} is {start:g}, so it has no usual bounds: state them, as in"
+                    f"{matches[0]} is {start:g}, so it has no usual bounds: state them, as in"
                     f" {name}=LOW:HIGH"
                 )
             low, high = (self._nearest(whole, start, start * by) for by in (1.0 / SPAN, SPAN))
@@ -180,16 +180,16 @@ class Model:
                 low = high = math.nan
             if not low < high:
                 raise FreneticError(
-                    f"the bounds of {found[0]} are {bounds}: LOW:HIGH with LOW below HIGH is"
+                    f"the bounds of {matches[0]} are {bounds}: LOW:HIGH with LOW below HIGH is"
                     " needed, as in braking=1:4"
                 )
             for value in (low, high):
                 if trouble := self._trouble(whole, value):
-                    raise FreneticError(f"{found[0]} cannot be {value:g}: {trouble}")
+                    raise FreneticError(f"{matches[0]} cannot be {value:g}: {trouble}")
         return replace(whole, low=low, high=high, start=min(max(start, low), high))
 
     def _nearest(self, parameter: Parameter, start: float, wanted: float) -> float:
-        """The allowed value nearest to a wanted one, on the way there from the start."""
+        """Return the allowed value nearest to a wanted one, on the way there from the start."""
         if not self._trouble(parameter, wanted):
             return wanted
         good, bad = start, wanted
@@ -202,7 +202,7 @@ class Model:
         return good
 
     def _trouble(self, parameter: Parameter, value: float) -> str:
-        """Why a parameter cannot have a value, the others being as they are; empty if it can."""
+        """Return why a parameter cannot have a value beside the others'; empty if it can."""
         try:
             self.make({str(parameter): value}, Rules())
         except (FreneticError, ValueError) as error:
@@ -210,34 +210,34 @@ class Model:
         return ""
 
     def _options(self, values: Mapping[str, float]) -> dict[str, dict[str, Any]]:
-        """Owner -> its options, parameters or layers with these values."""
-        found: dict[str, dict[str, Any]] = {
+        """Return the options of driver, vehicle and layers with these values."""
+        options: dict[str, dict[str, Any]] = {
             "driver": dict(self.driver_options),
             "vehicle": dict(self.vehicle),
             "layer": {},
         }
         for name, value in values.items():
-            owner, _, own = name.partition(".")
-            found[owner][own] = value
-        return found
+            owner, _, parameter = name.partition(".")
+            options[owner][parameter] = value
+        return options
 
     def make(self, values: Mapping[str, float], rules: Rules) -> tuple[Driver, EmbeddedSimulator]:
-        """Driver and simulator with these values.
+        """Return driver and simulator with these values.
 
         Args:
             values: name with its owner -> value.
-            rules: of the simulator.
+            rules: rules of the simulator.
 
         Raises:
-            FreneticError: the driver refuses them.
-            ValueError: the car does.
+            FreneticError: the driver refuses the values.
+            ValueError: the car refuses the values.
         """
         options = self._options(values)
         driver = load_driver(self.driver, options["driver"], **options["layer"])
         return driver, EmbeddedSimulator(vehicle=Vehicle.of(options["vehicle"]), rules=rules)
 
     def spec(self, values: Mapping[str, float], terms: Spec) -> Spec:
-        """A spec with its driver and car, and the rules, the map and the lanes of another."""
+        """Return a spec with this driver and car, and with rules, map and lanes of another."""
         options = self._options(values)
         vehicle = options["vehicle"]
         simulator = part_word("embedded", {"vehicle": vehicle} if vehicle else {})
@@ -249,6 +249,6 @@ class Model:
         )
 
     def values(self, places: Sequence[float]) -> dict[str, float]:
-        """Name -> value of the parameters at places 0..1 between their bounds."""
-        found = zip(self.parameters, places, strict=True)
-        return {str(parameter): parameter.at(float(place)) for parameter, place in found}
+        """Return the values by name of the parameters at places 0..1 between their bounds."""
+        located = zip(self.parameters, places, strict=True)
+        return {str(parameter): parameter.at(float(place)) for parameter, place in located}

@@ -22,11 +22,11 @@ from frenetic.parts.trust import is_here, named_code
 from frenetic.spec import SIGNED, USUAL, Spec
 
 
-class Record(Struct, frozen=True, forbid_unknown_fields=True):
+class ProfileRecord(Struct, frozen=True, forbid_unknown_fields=True):
     """An object of a profile; an entry that it does not know is a mistake."""
 
 
-class Fitted(Record, frozen=True, kw_only=True):
+class Fitted(ProfileRecord, frozen=True, kw_only=True):
     """A fitted parameter."""
 
     name: str
@@ -46,7 +46,7 @@ class Fitted(Record, frozen=True, kw_only=True):
     """Whether that interval ends at one of its bounds, so that the bound decides."""
 
 
-class Figures(Record, frozen=True, kw_only=True):
+class PredictionFigures(ProfileRecord, frozen=True, kw_only=True):
     """How well a ranking of roads follows recorded drives; None where the data cannot say."""
 
     auc: float | None = None
@@ -61,7 +61,7 @@ class Figures(Record, frozen=True, kw_only=True):
     """Median over drives of the median absolute error of the lateral offset, in m."""
 
 
-class Validation(Record, frozen=True, kw_only=True):
+class Validation(ProfileRecord, frozen=True, kw_only=True):
     """The cross-validated figures of a twin and of its baselines."""
 
     drives: Index
@@ -70,9 +70,9 @@ class Validation(Record, frozen=True, kw_only=True):
     """Number of them that failed."""
     by: Literal["run", "road"]
     """What was held out as a whole."""
-    twin: Figures
+    twin: PredictionFigures
     """On drives that its parameters have not seen."""
-    baselines: dict[str, Figures]
+    baselines: dict[str, PredictionFigures]
     """Name -> figures on the same folds."""
     verdict: Literal["good", "fair", "poor", "unknown"]
     """Whether it is good enough to start from."""
@@ -80,7 +80,7 @@ class Validation(Record, frozen=True, kw_only=True):
     """Why, in a sentence."""
 
 
-class Profile(Record, frozen=True, kw_only=True):
+class TwinProfile(ProfileRecord, frozen=True, kw_only=True):
     """A twin: a driver and a car that drive, in the embedded simulator, as others do.
 
     Only its name and how it drives are needed; what a fit says about itself may be missing.
@@ -101,7 +101,7 @@ class Profile(Record, frozen=True, kw_only=True):
 
     @classmethod
     def of(cls, name: str, spec: Spec, **about: Any) -> Self:
-        """The profile of a twin with the parts, rules, map and lanes of a spec.
+        """Return the profile of a twin with the parts, rules, map and lanes of a spec.
 
         Args:
             name: for people.
@@ -113,7 +113,7 @@ class Profile(Record, frozen=True, kw_only=True):
 
     @classmethod
     def read(cls, path: Path | str) -> Self:
-        """The profile in a file.
+        """Return the profile in a file.
 
         Raises:
             FreneticError: there is none; the message names the file and the place in it.
@@ -125,7 +125,7 @@ class Profile(Record, frozen=True, kw_only=True):
             raise FreneticError(f"{path} is no profile of a twin: {error}") from None
 
     def write(self, path: Path | str) -> None:
-        """Writes the profile; the file is replaced whole.
+        """Write the profile; the file is replaced whole.
 
         Raises:
             FreneticError: it cannot be written.
@@ -134,7 +134,7 @@ class Profile(Record, frozen=True, kw_only=True):
         write_file(path, text, remedy="choose another place", parents=True)
 
     def spec(self) -> Spec:
-        """The spec of the twin: driver, layers, car, rules, map and lane width.
+        """Return the spec of the twin: driver, layers, car, rules, map and lane width.
 
         Raises:
             FreneticError: it is out of range, or the driver is code that is not loaded unasked

@@ -1,7 +1,7 @@
 """Recorded drives to calibrate on: campaigns, test files of the competition, tables.
 
 A folder is a campaign, a folder of campaigns, or a folder of test files (JSON, one drive each). A
-file is a table: JSON Lines, a row per drive. The entries of a row are those of a test file;
+file is a table: JSON Lines, a row per drive. A row has the entries of a test file;
 docs/calibrating.md lists them.
 """
 
@@ -41,16 +41,16 @@ class RecordedTerms(Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
     """The terms of recorded drives."""
 
     speed_limit: Positive = 70.0
-    """km/h."""
+    """Speed limit, in km/h."""
     oob_tolerance: Share = 0.95
     lane_width: Positive = 4.0
-    """m."""
+    """Width of a lane, in m."""
     map_size: Positive = 200.0
-    """m."""
+    """Side of the map, in m."""
 
     @classmethod
     def of(cls, terms: Terms, rules: Rules) -> Self:
-        """The terms of drives by some rules."""
+        """Return the terms of drives by these rules."""
         return cls(
             speed_limit=rules.speed_limit,
             oob_tolerance=rules.oob_tolerance,
@@ -60,10 +60,10 @@ class RecordedTerms(Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
 
     @property
     def rules(self) -> Rules:
-        """The rules.
+        """Rules of the drives.
 
         Raises:
-            FreneticError: they are out of range.
+            FreneticError: a rule is out of range.
         """
         try:
             return Rules(speed_limit=self.speed_limit, oob_tolerance=self.oob_tolerance)
@@ -72,18 +72,18 @@ class RecordedTerms(Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
 
     @property
     def spec(self) -> Spec:
-        """The spec that says them; the usual speed limit lets a road's own hold."""
+        """Spec with these terms; the usual speed limit lets a road's own hold."""
         is_usual = self.speed_limit == Rules().speed_limit
         entries = structs.asdict(self) | ({"speed_limit": None} if is_usual else {})
         return Spec(**entries)
 
     def differences(self, other: RecordedTerms) -> str:
-        """What is different in others, in words; empty if nothing is."""
-        mine, theirs = structs.asdict(self), structs.asdict(other)
+        """Return how other terms differ, as text; empty if they do not."""
+        ours, others = structs.asdict(self), structs.asdict(other)
         return "; ".join(
-            f"{name.replace('_', ' ')} {value:g}, not {theirs[name]:g}"
-            for name, value in mine.items()
-            if value != theirs[name]
+            f"{name.replace('_', ' ')} {value:g}, not {others[name]:g}"
+            for name, value in ours.items()
+            if value != others[name]
         )
 
 
@@ -102,61 +102,64 @@ class Recordings:
         return list(dict.fromkeys(drive.run for drive in self.drives))
 
 
-def read_recordings(places: Iterable[Path | str], given: RecordedTerms | None = None) -> Recordings:
-    """Reads recorded drives.
+def read_recordings(
+    places: Iterable[Path | str], stated_terms: RecordedTerms | None = None
+) -> Recordings:
+    """Read recorded drives.
 
     Args:
         places: files and folders.
-        given: terms that hold whatever a campaign says.
+        stated_terms: terms that hold whatever a campaign says.
 
     Raises:
-        FreneticError: one of them cannot be read or is damaged, they hold no drive that passed or
+        FreneticError: a place cannot be read or is damaged, they hold no drive that passed or
             failed, or they were driven under different terms.
     """
-    found: list[RecordedDrive | None] = []
+    drives: list[RecordedDrive | None] = []
     known: dict[RecordedTerms, Path] = {}
     for place in map(Path, require_list("places", places, "files and folders")):
-        before = len(found)
-        for terms, drives in _sources(place, given):
+        before = len(drives)
+        for terms, more in _sources(place, stated_terms):
             known.setdefault(terms, place)
-            found += drives
-        if not any(found[before:]):
+            drives += more
+        if not any(drives[before:]):
             raise FreneticError(f"{place} holds no drive that passed or failed with a trajectory")
     if len(known) > 1:
-        (one, first), (other, second), *_ = known.items()
+        (first_terms, first), (other, second), *_ = known.items()
         raise FreneticError(
-            f"{first} and {second} were driven under different terms ({one.differences(other)}):"
-            " calibrate them one by one, or say in a file which hold for all"
+            f"{first} and {second} were driven under different terms"
+            f" ({first_terms.differences(other)}): calibrate them one by one, or say in a file"
+            " which hold for all"
         )
-    kept = [drive for drive in found if drive is not None]
-    return Recordings(kept, next(iter(known)), len(found) - len(kept))
+    usable = [drive for drive in drives if drive is not None]
+    return Recordings(usable, next(iter(known)), len(drives) - len(usable))
 
 
 _Source: TypeAlias = tuple[RecordedTerms, list[RecordedDrive | None]]
 
 
-def _sources(place: Path, given: RecordedTerms | None) -> Iterator[_Source]:
-    """Terms and drives of the table, test files or campaigns in a place."""
-    terms = given or RecordedTerms()
+def _sources(place: Path, stated_terms: RecordedTerms | None) -> Iterator[_Source]:
+    """Yield terms and drives of the table, test files or campaigns in a place."""
+    terms = stated_terms or RecordedTerms()
     if place.suffix == TABLE:
         lines = enumerate(_read(place).split(b"\n"), start=1)
         rows = [(line, f"{place}, row {i}", str(place)) for i, line in lines if line.strip()]
     else:
         files = sorted([*place.glob("*.json"), *place.glob("*/*.json")])
         is_campaign = any(place.glob(f"**/{DATABASE}"))
-        rows = [] if is_campaign else [(_read(one), str(one), str(one.parent)) for one in files]
+        rows = [] if is_campaign else [(_read(file), str(file), str(file.parent)) for file in files]
     if rows:
         yield terms, [_drive_of(line, where, run, terms) for line, where, run in rows]
     else:
         for folder in find_campaigns(place):
-            yield _campaign(folder, given)
+            yield _campaign(folder, stated_terms)
 
 
-def _campaign(folder: Path, given: RecordedTerms | None) -> _Source:
+def _campaign(folder: Path, stated_terms: RecordedTerms | None) -> _Source:
     drives: list[RecordedDrive | None] = []
     with CampaignStore.open(folder) as store:
         setting = store.setting
-        terms = given or RecordedTerms.of(setting, setting.rules_in({}))
+        terms = stated_terms or RecordedTerms.of(setting, setting.rules_in({}))
         for test in store.tests(with_trajectory=True):
             drive = test.drive
             if not test.outcome.is_driven or drive is None:
@@ -188,7 +191,7 @@ def _read(file: Path) -> bytes:
 Vector: TypeAlias = Annotated[list[Finite], Meta(min_length=2)]
 
 
-class Course(Struct):
+class RecordedCourse(Struct):
     """A trajectory as columns."""
 
     time: list[Finite]
@@ -198,8 +201,8 @@ class Course(Struct):
     """m/s; worked out where it is unknown."""
 
 
-class Record(Struct, array_like=True):
-    """The beginning of a record of the competition's."""
+class ExecutionRecord(Struct, array_like=True):
+    """Beginning of a record of the competition."""
 
     timer: Finite
     pos: Vector
@@ -212,20 +215,20 @@ class Row(RoadEntries):
 
     outcome: Outcome | None = None
     test_outcome: Outcome | None = None
-    """The same in the competition's files."""
+    """Outcome in the competition's files."""
     run: str = ""
-    trajectory: Course | None = None
-    execution_data: tuple[Record, ...] = ()
+    trajectory: RecordedCourse | None = None
+    execution_data: tuple[ExecutionRecord, ...] = ()
 
 
 def _drive_of(text: bytes, where: str, run: str, terms: RecordedTerms) -> RecordedDrive | None:
-    """The drive of a test file or row; None if it has no end, or no trajectory.
+    """Return the drive of a test file or row; None if it has no end, or no trajectory.
 
     Args:
         text: the file or row.
-        where: it stands, for messages.
+        where: name of its place, for messages.
         run: name of the run of all drives there.
-        terms: of the recording.
+        terms: terms of the recording.
     """
     try:
         row = read_json(text, Row)
@@ -236,9 +239,11 @@ def _drive_of(text: bytes, where: str, run: str, terms: RecordedTerms) -> Record
         raise FreneticError(f"{where} has no outcome: PASS or FAIL is needed")
     course = row.trajectory
     if records := row.execution_data:
-        x, y = ([one.pos[i] for one in records] for i in (0, 1))
-        speed = [one.vel[0] * one.dir[0] + one.vel[1] * one.dir[1] for one in records]
-        course = Course([one.timer for one in records], x, y, speed)
+        x, y = ([record.pos[i] for record in records] for i in (0, 1))
+        speed = [
+            record.vel[0] * record.dir[0] + record.vel[1] * record.dir[1] for record in records
+        ]
+        course = RecordedCourse([record.timer for record in records], x, y, speed)
     if not outcome.is_driven or course is None:
         return None
     row.lane_width = terms.lane_width
@@ -251,8 +256,8 @@ def _drive_of(text: bytes, where: str, run: str, terms: RecordedTerms) -> Record
     return _recorded(road, states, outcome, f"{run}, {row.run}" if row.run else run)
 
 
-def _path(course: Course, where: str) -> tuple[FloatArray, FloatArray]:
-    """Places (n, 2) and speeds (n,) of a trajectory."""
+def _path(course: RecordedCourse, where: str) -> tuple[FloatArray, FloatArray]:
+    """Return places (n, 2) and speeds (n,) of a trajectory."""
     n = len(course.time)
     if n < 2 or {len(course.x), len(course.y)} != {n} or len(course.speed) not in (0, n):
         raise FreneticError(f"{where}: its trajectory needs as many times as places, two or more")

@@ -1,1 +1,1 @@
-"""A guest: drivers that see through a camera, what they see, and Gymnasium."""
+"""A plug-in: drivers that see through a camera, what they see, and Gymnasium."""

@@ -60,7 +60,7 @@ class CameraLayer(OwnLayer):
         driver: the driver underneath; it or one under its layers has a camera.
 
     Raises:
-        ValueError: none has a camera.
+        ValueError: neither the driver nor one under its layers has a camera.
     """
 
     quantity: ClassVar[Quantity]
@@ -85,19 +85,19 @@ class CameraLayer(OwnLayer):
 
     @property
     def options(self) -> dict[str, float]:
-        """Its options."""
+        """Options of the layer."""
         return {self.name: self.amount}
 
     def act(self, observation: Observation) -> Controls:
-        """The driver's controls for what its camera sees now."""
+        """Return the driver's controls for what its camera sees now."""
         if observation.image is not None:
-            image = self.seen(observation.image, observation)
+            image = self.alter(observation.image, observation)
             image.setflags(write=False)
             observation = replace(observation, image=image)
         return self.driver.act(observation)
 
-    def seen(self, image: Image, observation: Observation) -> Image:  # noqa: ARG002
-        """What the camera sees instead of a picture."""
+    def alter(self, image: Image, observation: Observation) -> Image:  # noqa: ARG002
+        """Return what the camera sees instead of a picture."""
         return image
 
 
@@ -112,7 +112,7 @@ class Elsewhere(CameraLayer):
     quantity, name, place = SCENE, "seed", 3
 
     def in_scene(self, scene: Scene) -> Scene:
-        """The scene with another seed."""
+        """Return the scene with another seed."""
         return replace(scene, seed=int(self.amount))
 
 
@@ -127,7 +127,7 @@ class Worn(CameraLayer):
     quantity, name, place = WEAR, "share", 4
 
     def in_scene(self, scene: Scene) -> Scene:
-        """The scene with worn markings."""
+        """Return the scene with worn markings."""
         return replace(scene, wear=self.amount)
 
 
@@ -142,8 +142,8 @@ class Foggy(CameraLayer):
 
     quantity, name, place = FOG, "visibility", 5
 
-    def seen(self, image: Image, observation: Observation) -> Image:  # noqa: ARG002
-        """The picture in fog."""
+    def alter(self, image: Image, observation: Observation) -> Image:  # noqa: ARG002
+        """Return the picture in fog."""
         through = np.exp(-3.0 / self.amount * _distances(self._camera))[..., None]
         return _picture(image * through + (1.0 - through) * FOG_COLOUR)
 
@@ -153,8 +153,8 @@ class _SeededLayer(CameraLayer):
 
     Args:
         driver: the driver underneath.
-        amount: of the layer.
-        seed: of its random numbers, from 0.
+        amount: amount of the layer.
+        seed: seed of the layer's random numbers, from 0.
     """
 
     def __init__(self, driver: Driver, amount: float, *, seed: Index = 0) -> None:
@@ -164,7 +164,7 @@ class _SeededLayer(CameraLayer):
 
     @property
     def options(self) -> dict[str, float]:
-        """Its options."""
+        """Options of the layer."""
         return {**super().options, "seed": self.seed}
 
 
@@ -181,8 +181,8 @@ class Rainy(_SeededLayer):
 
     quantity, name, place = RAIN, "rate", 6
 
-    def seen(self, image: Image, observation: Observation) -> Image:
-        """The picture with streaks."""
+    def alter(self, image: Image, observation: Observation) -> Image:
+        """Return the picture with streaks."""
         height, width, _ = image.shape
         rng = _of_moment(self.seed, observation)
         number = rng.poisson(2.0 * self.amount * height * width / (160.0 * 80.0))
@@ -216,8 +216,8 @@ class Blurred(CameraLayer):
         # Compiles the kernel, which is not on the driver's time.
         _smear(np.zeros((1, 1, 3), np.uint8), np.zeros((1, 1, 2)), np.zeros((1, 1, 3), np.uint8))
 
-    def seen(self, image: Image, observation: Observation) -> Image:
-        """The blurred picture."""
+    def alter(self, image: Image, observation: Observation) -> Image:
+        """Return the blurred picture."""
         ways = _flow(self._camera, observation.speed, observation.yaw_rate) * self.amount
         blurred: Image = np.empty_like(image)
         _smear(image, ways, blurred)
@@ -234,8 +234,8 @@ class Lit(CameraLayer):
 
     quantity, name, place = LIGHT, "factor", 8
 
-    def seen(self, image: Image, observation: Observation) -> Image:  # noqa: ARG002
-        """The picture in this light."""
+    def alter(self, image: Image, observation: Observation) -> Image:  # noqa: ARG002
+        """Return the picture in this light."""
         values = np.arange(256) * self.amount ** (1.0 / GAMMA)
         lit: Image = _picture(values)[image]
         return lit
@@ -252,8 +252,8 @@ class Grainy(_SeededLayer):
 
     quantity, name, place = GRAIN, "deviation", 9
 
-    def seen(self, image: Image, observation: Observation) -> Image:
-        """The picture with noise."""
+    def alter(self, image: Image, observation: Observation) -> Image:
+        """Return the picture with noise."""
         start = int(_of_moment(self.seed, observation).integers(_BANK))
         grain = _grain(self.seed, _BANK + image.size)[start : start + image.size]
         return _picture(image + self.amount * grain.reshape(image.shape))
@@ -324,7 +324,7 @@ def _flow(camera: Camera, speed: float, yaw_rate: float) -> FloatArray:
 
 @njit()
 def _smear(image: Image, ways: FloatArray, out: Image) -> None:
-    """Writes the mean along ``ways``, (height, width, 2), that end at each pixel."""
+    """Write the mean along ``ways``, (height, width, 2), that end at each pixel."""
     height, width = image.shape[0], image.shape[1]
     for v in range(height):
         for u in range(width):

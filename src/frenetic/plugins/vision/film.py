@@ -21,7 +21,7 @@ from frenetic.drivers.loading import under
 from frenetic.oracle.drive import Trajectory
 from frenetic.parts.versions import over_each_other
 from frenetic.plugins.vision import appearance
-from frenetic.plugins.vision.rendering import Renderer
+from frenetic.plugins.vision.rendering import CameraRenderer
 from frenetic.report.html.tests import Film
 from frenetic.simulators.embedded import EmbeddedSimulator
 
@@ -35,7 +35,7 @@ _QUALITY = 70  # of JPEG
 
 
 def camera_film(config: Mapping[str, JSONValue]) -> Callable[[Test], Film | None]:
-    """What the camera of a campaign's driver saw in a test, drawn again.
+    """Return what the camera of a campaign's driver saw in a test, drawn again.
 
     None for a driver without a camera, in another simulator than the embedded one, or if the
     campaign's record does not say what camera it was. A test is read with its trajectory.
@@ -47,17 +47,17 @@ def camera_film(config: Mapping[str, JSONValue]) -> Callable[[Test], Film | None
             return None
         path, road = record.drive.trajectory, record.road
         layered = _in_conditions(eye, record)
-        renderer = Renderer(road, eye.camera, scene_of(layered))
+        renderer = CameraRenderer(road, eye.camera, scene_of(layered))
         critical = _critical(record, path)
         taken = evenly(len(path), MOST_PICTURES)
         taken = np.unique(np.append(taken[: MOST_PICTURES - 1], critical))
-        small = [_shrunk(eye.seen(layered, renderer, path, int(i))) for i in taken]
+        small = [_shrunk(eye.picture(layered, renderer, path, int(i))) for i in taken]
         height, width, _ = small[0].shape
         rows = math.ceil(len(small) / COLUMNS)
         sheet = np.zeros((rows * height, COLUMNS * width, 3), dtype=np.uint8)
-        for k, one in enumerate(small):
+        for k, image in enumerate(small):
             v, u = divmod(k, COLUMNS)
-            sheet[v * height : (v + 1) * height, u * width : (u + 1) * width] = one
+            sheet[v * height : (v + 1) * height, u * width : (u + 1) * width] = image
         start = float(path.time[0])
         return Film(
             pictures=_data_url(sheet),
@@ -83,12 +83,12 @@ class _Eye:
         """Nothing to forget."""
 
     def act(self, observation: Observation) -> Controls:
-        """Keeps the picture."""
+        """Keep the picture."""
         self.image = observation.image
         return Controls(0.0)
 
-    def seen(self, layered: Driver, renderer: Renderer, path: Trajectory, i: int) -> Image:
-        """The picture at a record of a drive, under layers."""
+    def picture(self, layered: Driver, renderer: CameraRenderer, path: Trajectory, i: int) -> Image:
+        """Return the picture at a record of a drive, under layers."""
         picture = renderer.draw(float(path.x[i]), float(path.y[i]), float(path.heading[i]))
         layered.act(observation_at(path, i, picture))
         assert self.image is not None
@@ -96,7 +96,7 @@ class _Eye:
 
 
 def observation_at(path: Trajectory, i: int, image: Image) -> Observation:
-    """The picture and the car's own motion at a record; the road is not looked at again."""
+    """Return the picture and the car's own motion at a record; the road is not looked at again."""
     return Observation(
         time=float(path.time[i]),
         speed=float(path.speed[i]),
@@ -111,13 +111,13 @@ def observation_at(path: Trajectory, i: int, image: Image) -> Observation:
 
 
 def _eye(config: Mapping[str, JSONValue]) -> _Eye | None:
-    """The camera and the layers of a campaign's record."""
+    """Return the camera and the layers of a campaign's record."""
     simulator: Any = config.get("simulator")
     embedded = f"{EmbeddedSimulator.__module__}:{EmbeddedSimulator.__qualname__}"
     if not isinstance(simulator, Mapping) or simulator.get("class") != embedded:
         return None
-    *layers, own = over_each_other(config.get("driver"))
-    camera: Any = own.get("camera")
+    *layers, innermost = over_each_other(config.get("driver"))
+    camera: Any = innermost.get("camera")
     if not isinstance(camera, Mapping):
         return None
     kinds = {f"{kind.__module__}:{kind.__qualname__}": kind for kind in appearance.ALL.values()}
@@ -132,11 +132,15 @@ def _eye(config: Mapping[str, JSONValue]) -> _Eye | None:
 
 
 def _in_conditions(eye: _Eye, record: Test) -> Driver:
-    """The layered eye in the conditions of a test, as far as the camera sees these."""
-    own = record.candidate.conditions
-    conditions = own if record.setting is None else record.setting.conditions_of(own)
-    seen = {n: amount for n, amount in conditions.items() if n == SEED or n in appearance.ALL}
-    return under(seen, eye.layered)
+    """Return the layered eye in the conditions of a test, as far as the camera sees these."""
+    conditions_of_drive = record.candidate.conditions
+    conditions = (
+        conditions_of_drive
+        if record.setting is None
+        else record.setting.conditions_of(conditions_of_drive)
+    )
+    visible = {n: amount for n, amount in conditions.items() if n == SEED or n in appearance.ALL}
+    return under(visible, eye.layered)
 
 
 def _critical(record: Test, path: Trajectory) -> int:

@@ -55,13 +55,13 @@ class MarkingFollower:
         self._rows = np.flatnonzero((middle > NEAREST) & (middle < FARTHEST))[::-1]
 
     def reset(self, setup: DriveSetup) -> None:
-        """Forgets the last drive."""
+        """Forget the last drive."""
         self._setup = setup
         self._curvature = 0.0
         self._line = INSIDE - 0.5 * setup.lane_width
 
     def act(self, observation: Observation) -> Controls:
-        """Steers for a point beside the line."""
+        """Steer for a point beside the line."""
         assert observation.image is not None
         points = self._line_points(observation.image)
         limit = min(self.options["speed"] / 3.6, observation.speed_limit)
@@ -103,9 +103,9 @@ class MarkingFollower:
             best = int(contrast.argmax())
             if contrast[best] < CONTRAST:
                 continue
-            found = float(left[best])
+            nearest = float(left[best])
             if points:
-                slope = 0.5 * (slope + (found - line) / max(ahead - last, 1e-6))
-            points.append((ahead, found))
-            line, last = found, ahead
+                slope = 0.5 * (slope + (nearest - line) / max(ahead - last, 1e-6))
+            points.append((ahead, nearest))
+            line, last = nearest, ahead
         return points

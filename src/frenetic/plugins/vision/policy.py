@@ -57,7 +57,7 @@ def write_vector(
     limit: float,
     out: npt.NDArray[np.float32],
 ) -> None:
-    """Writes the vector of an observation to ``out``, (VECTOR_SIZE,).
+    """Write the vector of an observation to ``out``, (VECTOR_SIZE,).
 
     Args:
         speed, yaw_rate, steering, lateral_offset, heading_error, curvature_ahead: as in an
@@ -88,7 +88,7 @@ def controls_of(steering: float, pedal: float, setup: FloatArray) -> tuple[float
 
 
 def vector_of(observation: Observation, setup: FloatArray) -> npt.NDArray[np.float32]:
-    """The vector of an observation, (VECTOR_SIZE,); ``setup`` is `setup_array`."""
+    """Return the vector of an observation, (VECTOR_SIZE,); ``setup`` is `setup_array`."""
     o = observation
     vector = np.empty(VECTOR_SIZE, np.float32)
     write_vector(
@@ -126,7 +126,7 @@ class PolicyDriver:
         self._setup = setup_array(setup)
 
     def act(self, observation: Observation) -> Controls:
-        """The controls of the policy's action.
+        """Return the controls of the policy's action.
 
         Raises:
             DriverError: the action is not two finite numbers.

@@ -31,7 +31,7 @@ from frenetic.analysis.criteria import criteria_in_words
 from frenetic.analysis.failures import Failure
 from frenetic.analysis.features import Features, features_of
 from frenetic.analysis.segments import Segment, segment_of_test
-from frenetic.campaign.configuration import SPEC, earlier_of
+from frenetic.campaign.configuration import OWNER, SPEC, earlier_of
 from frenetic.campaign.counts import Counts
 from frenetic.campaign.guarded_strategy import FACTS
 from frenetic.campaign.objective import in_words as objective_in_words
@@ -395,7 +395,7 @@ def configuration(
     others = {name: one for name, one in known.items() if name not in named}
     how = Paragraph(_repeatability(known))
     again = command(f"frenetic run {_shell(folder / FILE)}", "Repeats it, in a new folder:")
-    is_named = isinstance(config.get(SPEC), Mapping) and config.get("entrant") is None
+    is_named = isinstance(config.get(SPEC), Mapping) and config.get(OWNER) is None
     return Section(
         "configuration",
         "Configuration",

@@ -14,7 +14,7 @@ from frenetic.cli.entries import names_of, was_given
 from frenetic.cli.options import as_usage_error, file_option, json_option
 
 if TYPE_CHECKING:
-    from frenetic.plugins.twin.profile import Figures, Profile
+    from frenetic.plugins.twin.profile import PredictionFigures, TwinProfile
 
 
 @click.command()
@@ -66,30 +66,31 @@ def calibrate(
     from frenetic.plugins.twin.calibration import calibrate as calibrate_twin
     from frenetic.spec import read_entries
 
-    asked = CalibrationFile(recordings=recordings)
+    entries = CalibrationFile(recordings=recordings)
     if len(recordings) == 1 and recordings[0].endswith(".toml"):
-        asked = read_entries(Path(recordings[0]), CalibrationFile, "a calibration")
-    given = {name: value for name, value in options.items() if was_given(context, name)}
-    if "fit" in given:
-        given["fit"] = [text for several in given["fit"] for text in several.split(",")]
-    asked = structs.replace(asked, **given)
-    out = Path(asked.out)
+        entries = read_entries(Path(recordings[0]), CalibrationFile, "a calibration")
+    stated = {name: value for name, value in options.items() if was_given(context, name)}
+    if "fit" in stated:
+        stated["fit"] = [text for several in stated["fit"] for text in several.split(",")]
+    entries = structs.replace(entries, **stated)
+    out = Path(entries.out)
     if out.suffix.lower() != ".json":
         raise click.UsageError(f"{out}: a profile's name ends with .json")
     log = Log()
     with log.status("Reading the recordings"):
-        found = read_recordings(asked.recordings, asked.terms)
+        recorded = read_recordings(entries.recordings, entries.terms)
     with as_usage_error():
-        model = asked.model()
+        model = entries.model()
     log.print(
-        f"{counted(len(found.drives), 'recorded drive')} of {counted(len(found.runs), 'run')},"
-        f" {sum(drive.failed for drive in found.drives)} failed"
-        + (f"; {counted(found.skipped, 'other test')} left out" if found.skipped else ""),
+        f"{counted(len(recorded.drives), 'recorded drive')} of"
+        f" {counted(len(recorded.runs), 'run')},"
+        f" {sum(drive.failed for drive in recorded.drives)} failed"
+        + (f"; {counted(recorded.skipped, 'other test')} left out" if recorded.skipped else ""),
         markup=False,
     )
     with counted_progress(log, "Fitting") as show:
         profile = calibrate_twin(
-            found, model, name=out.stem, places=asked.recordings, on_progress=show
+            recorded, model, name=out.stem, places=entries.recordings, on_progress=show
         )
     profile.write(out)
     if as_json:
@@ -101,19 +102,19 @@ def calibrate(
     echo(f"Use it:      frenetic run --as {shell(out)}")
 
 
-def _print(profile: Profile) -> None:
-    """Prints the parameters with their intervals, and the figures beside those of baselines."""
+def _print(profile: TwinProfile) -> None:
+    """Print the parameters with their intervals, and the figures beside the baselines' figures."""
     print_table(
         ("parameter", ">fitted", ">from", ">to", ">bounds", "the data"),
         [
             (
-                one.name,
-                *(f"{value:.4g}" for value in (one.value, one.from_, one.to)),
-                f"{one.low:.4g} to {one.high:.4g}",
-                ("determine it" if one.is_determined else "do not determine it")
-                + ("; its interval ends at a bound" if one.at_bound else ""),
+                parameter.name,
+                *(f"{value:.4g}" for value in (parameter.value, parameter.from_, parameter.to)),
+                f"{parameter.low:.4g} to {parameter.high:.4g}",
+                ("determine it" if parameter.is_determined else "do not determine it")
+                + ("; its interval ends at a bound" if parameter.at_bound else ""),
             )
-            for one in profile.fitted
+            for parameter in profile.fitted
         ],
     )
     assert profile.validation is not None
@@ -124,7 +125,7 @@ def _print(profile: Profile) -> None:
     )
 
 
-def _cells(figures: Figures) -> tuple[str | None, ...]:
+def _cells(figures: PredictionFigures) -> tuple[str | None, ...]:
     def text(value: float | None, form: str) -> str | None:
         return None if value is None else form.format(value)
 

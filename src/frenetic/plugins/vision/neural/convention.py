@@ -48,7 +48,7 @@ class Convention(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     mean: Finite | tuple[Finite, ...] = 0.0
     """Subtracted from pixels in 0..1: one number, or one for each channel."""
     std: Positive | tuple[Positive, ...] = 1.0
-    """Divides them then, likewise."""
+    """Divides the pixels then: one number, or one for each channel."""
     crop: tuple[Index, Index] = (0, 0)
     """Rows that are cut off the camera's image, at the top and at the bottom."""
     camera: Mapping[str, int | Finite] = {}
@@ -64,16 +64,16 @@ class Convention(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     outputs: Literal["steering", "steering-throttle"] = "steering"
     """Whether there is a throttle, too, from -1, full brake, to 1."""
     steering: Steering = "share"
-    """What steering is: the ``share`` of the front wheels' largest angle, -1..1; that of an
-    ``action`` in `frenetic.plugins.gym`, -1..1; their angle in ``rad`` or ``degrees``; or the
-    ``curvature`` to drive, in 1/m."""
+    """What steering is: the ``share`` of the front wheels' largest angle, -1..1; the ``action``
+    of an environment in `frenetic.plugins.gym`, -1..1; the wheels' angle in ``rad`` or ``degrees``;
+    or the ``curvature`` to drive, in 1/m."""
     steering_sign: Literal[1, -1] = 1
     """1 if positive steering turns left, -1 if it turns right."""
     max_speed: Positive | None = None
     """Speed that is kept if the network has no throttle, in km/h; None for the speed limit."""
 
     @classmethod
-    def of(cls, metadata: Mapping[str, str], given: Mapping[str, Any]) -> Convention:
+    def of(cls, metadata: Mapping[str, str], options: Mapping[str, Any]) -> Convention:
         """A model's convention: its preset, over which its metadata lie, over which the given ones.
 
         Args:
@@ -90,10 +90,10 @@ class Convention(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
                 convert(entries, cls)
         except ValueError as error:
             raise ValueError(f"its metadata {METADATA} are damaged: {error}") from None
-        check(given, cls)
-        preset = given.get("preset", entries.get("preset"))
+        check(options, cls)
+        preset = options.get("preset", entries.get("preset"))
         merged: dict[str, Any] = {}
-        for source in ({} if preset is None else PRESETS[preset], entries, given):
+        for source in ({} if preset is None else PRESETS[preset], entries, options):
             camera = {**merged.get("camera", {}), **(source.get("camera") or {})}
             merged |= {name: value for name, value in source.items() if value is not None}
             merged["camera"] = camera
@@ -114,9 +114,9 @@ class Convention(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
 
     def from_pixels(self) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]:
         """(weights (channels, 3), constants (channels, 1)) that make inputs of RGB in 0..255."""
-        weights, constants = (np.array(one) for one in _COLOURS[self.colour])
+        weights, constants = (np.array(values) for values in _COLOURS[self.colour])
         mean, std = (
-            np.broadcast_to(np.array(one), constants.shape) for one in (self.mean, self.std)
+            np.broadcast_to(np.array(values), constants.shape) for values in (self.mean, self.std)
         )
         scaled = weights / (255.0 * std[:, None])
         shifted = ((constants - mean) / std)[:, None]

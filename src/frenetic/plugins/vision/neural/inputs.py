@@ -1,4 +1,4 @@
-"""What the inputs of a network are, told by their shapes and names."""
+"""Kinds of a network's inputs, by their shapes and names."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ _WORD: Final = re.compile(r"(?<![a-z])[hc](?=n(?![a-z]))|[a-z]+|\d+")  # hn is h
 _DIRECTIONS: Final = frozenset(
     ["in", "out", "input", "output", "next", "new", "prev", "previous", "old", "last", "0", "n"]
 )
-"""Words by which the name of a state differs from that of its next value."""
+"""Words by which the names of a state and of its next value differ."""
 
 
 class Inputs(NamedTuple):
@@ -29,7 +29,7 @@ class Inputs(NamedTuple):
 
     @classmethod
     def of(cls, model: OnnxModel, convention: Convention) -> Inputs:
-        """Tells the states by the convention or their names, the speed, the image, more states.
+        """Tell the states by the convention or their names, the speed, the image, more states.
 
         Raises:
             ValueError: an input is none of these.
@@ -41,20 +41,22 @@ class Inputs(NamedTuple):
                 f" {', '.join(model.outputs)}"
             )
         for name in _left(model.inputs, states):
-            shapes = {one: model.outputs[one] for one in _left(model.outputs, states.values())}
+            shapes = {name: model.outputs[name] for name in _left(model.outputs, states.values())}
             if (following := _following(name, model.inputs[name], shapes)) is not None:
                 states[name] = following
         left = _left(model.inputs, states)
-        speed = next((one for one in left if _is_number(model.inputs[one])), None)
-        left = [one for one in left if one != speed]
+        speed = next((name for name in left if _is_number(model.inputs[name])), None)
+        left = [name for name in left if name != speed]
         if not left:
             raise ValueError(
                 f"none of its inputs ({', '.join(model.inputs)}) takes the {convention.inputs}"
             )
-        main = next((one for one in left if _is_main(model.inputs[one], convention)), left[0])
+        main = next((name for name in left if _is_main(model.inputs[name], convention)), left[0])
         for name in _left(left, [main]):
             outputs = _left(model.outputs, states.values())
-            fitting = [one for one in outputs if _fit(model.inputs[name], model.outputs[one])]
+            fitting = [
+                output for output in outputs if _fit(model.inputs[name], model.outputs[output])
+            ]
             if len(fitting) != 1 or len(outputs) == 1 or _is_number(model.inputs[name]):
                 raise ValueError(
                     f"its input {name}, {shown_shape(model.inputs[name])}, is neither the"
@@ -71,9 +73,9 @@ class ImageInput(NamedTuple):
     is_nchw: bool
     """Whether the channels come before the rows."""
     height: int | None
-    """None if any."""
+    """Rows; None if the network takes any number."""
     width: int | None
-    """Likewise."""
+    """Columns; None if the network takes any number."""
     frames: int
     """Number of images, the oldest first."""
     has_frame_axis: bool
@@ -81,7 +83,7 @@ class ImageInput(NamedTuple):
 
     @classmethod
     def of(cls, shape: Shape, convention: Convention) -> ImageInput:
-        """The images that an input of this shape takes.
+        """Return what images an input of this shape takes.
 
         Raises:
             ValueError: it takes no images of the convention.
@@ -102,25 +104,25 @@ class ImageInput(NamedTuple):
         is_nchw = layout == "nchw"
         channels, height, width = axes if is_nchw else (last, *axes[:2])
         if has_frame_axis:
-            seen, fits = shape[-4] or frames, channels in (n, None)
+            number, fits = shape[-4] or frames, channels in (n, None)
         else:
-            seen = frames or 1 if channels in (1, 3, None) else channels // n
-            fits = channels in (n * seen, None)
+            number = frames or 1 if channels in (1, 3, None) else channels // n
+            fits = channels in (n * number, None)
         if not fits:
             raise ValueError(
                 f"its input has the shape {text}, {layout}: {convention.colour} has {n}"
                 f" channel{'s' * (n > 1)}; give colour, layout or frames"
             )
-        if seen is None or seen > MOST_FRAMES or frames not in (seen, None):
+        if number is None or number > MOST_FRAMES or frames not in (number, None):
             raise ValueError(
-                f"its input has the shape {text}, which is {seen or 'any number of'} frames, and"
+                f"its input has the shape {text}, which is {number or 'any number of'} frames, and"
                 f" frames is {frames}: give their number, at most {MOST_FRAMES}"
             )
-        return cls(is_nchw, height, width, seen, has_frame_axis)
+        return cls(is_nchw, height, width, number, has_frame_axis)
 
 
 def _is_main(shape: Shape, convention: Convention) -> bool:
-    """Whether an input of this shape may take the image, or the vector."""
+    """Return whether an input of this shape may take the image, or the vector."""
     if convention.inputs == "vector":
         return len(shape) == 2 and shape[1] in (VECTOR_SIZE, None)
     return len(shape) >= 4
@@ -130,14 +132,14 @@ def _is_number(shape: Shape) -> bool:
     return shape in ((), (1,), (None,), (1, 1), (None, 1))
 
 
-def _fit(one: Shape, other: Shape) -> bool:
-    return len(one) == len(other) and all(
-        a == b or None in (a, b) for a, b in zip(one, other, strict=True)
+def _fit(shape: Shape, other_shape: Shape) -> bool:
+    return len(shape) == len(other_shape) and all(
+        a == b or None in (a, b) for a, b in zip(shape, other_shape, strict=True)
     )
 
 
 def _following(name: str, shape: Shape, outputs: Mapping[str, Shape]) -> str | None:
-    """The one output named as an input but for a direction, such as ``h_out`` for ``h_in``.
+    """Return the only output named as an input but for a direction, such as ``h_out`` for ``h_in``.
 
     One that has a direction goes first. A speed is no state.
     """
@@ -146,14 +148,14 @@ def _following(name: str, shape: Shape, outputs: Mapping[str, Shape]) -> str | N
     if "speed" in stem or not any(word.isalpha() for word in stem):
         return None
     alike: dict[bool, list[str]] = {True: [], False: []}
-    for output, given in outputs.items():
+    for output, output_shape in outputs.items():
         others = _WORD.findall(output.lower())
-        kept = [word for word in others if word not in _DIRECTIONS]
-        if kept == stem and others != words and _fit(shape, given):
-            alike[kept != others].append(output)
+        other_stem = [word for word in others if word not in _DIRECTIONS]
+        if other_stem == stem and others != words and _fit(shape, output_shape):
+            alike[other_stem != others].append(output)
     fitting = alike[True] or alike[False]
     return fitting[0] if len(fitting) == 1 else None
 
 
 def _left(names: Iterable[str], without: Container[str]) -> list[str]:
-    return [one for one in names if one not in without]
+    return [name for name in names if name not in without]

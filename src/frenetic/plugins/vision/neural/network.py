@@ -42,7 +42,7 @@ class Network:
     competition: throttle = 1 - s^2 - (v / max_speed)^2, where s is the share of the largest
     steering angle, and no brake.
 
-    The arguments after the first two are those of its `Convention`.
+    The arguments after the first two make its `Convention`.
 
     Args:
         model: path of the file.
@@ -77,9 +77,9 @@ class Network:
         steering_sign: int | None = None,
         max_speed: float | None = None,
     ) -> None:
-        given = dict(locals())  # the arguments, by now
-        del given["self"], given["model"]
-        self._given = {name: value for name, value in given.items() if value is not None}
+        options = dict(locals())  # the arguments, by now
+        del options["self"], options["model"]
+        self._given = {name: value for name, value in options.items() if value is not None}
         self._path = str(model)
         self._data = read_model(self._path)
         self._load()
@@ -95,7 +95,7 @@ class Network:
         return {"model": self._path, **self._given}
 
     def __getstate__(self) -> dict[str, Any]:
-        """The file's content and the arguments: the other process may have no such file."""
+        """Return the file's content and the arguments: the other process may have no such file."""
         return {name: getattr(self, name) for name in ("_path", "_given", "_data")}
 
     def __setstate__(self, state: Mapping[str, Any]) -> None:
@@ -121,13 +121,13 @@ class Network:
         cut = sum(convention.crop)
         self.camera = _camera(convention.camera, height and height + cut, width)
         """Its camera; a network that is fed with vectors has none."""
-        seen = (self.camera.height - cut, self.camera.width)
-        if seen[0] < 1:
+        image_size = (self.camera.height - cut, self.camera.width)
+        if image_size[0] < 1:
             raise ValueError(
                 f"crop is {list(convention.crop)}: nothing is left of {self.camera.height} rows"
             )
-        wanted = (height or seen[0], width or seen[1])
-        self._resizing = None if wanted == seen else Resizing(seen, wanted)
+        wanted = (height or image_size[0], width or image_size[1])
+        self._resizing = None if wanted == image_size else Resizing(image_size, wanted)
         self._weights, self._constants = convention.from_pixels()
 
     def _forget(self) -> None:
@@ -146,7 +146,7 @@ class Network:
         self._numbers = setup_array(setup)
 
     def act(self, observation: Observation) -> Controls:
-        """The network's steering, with its throttle or the speed rule's.
+        """Return the network's steering, with its throttle or the speed rule's.
 
         Raises:
             DriverError: there is no image, or the network gives no finite numbers for it.
@@ -176,14 +176,14 @@ class Network:
         return Controls(steering, max(1.0 - share**2 - (observation.speed / limit) ** 2, 0.0))
 
     def _answer(self, image: Image, speed: float) -> FloatArray:
-        """The network's numbers for a camera's image, with the images before it.
+        """Return the network's numbers for a camera's image, with the images before it.
 
         Raises:
             ValueError: they are too few or too many, or one is not finite.
         """
         top, bottom = self.convention.crop
-        kept = image[top : image.shape[0] - bottom]
-        pixels = kept.astype(np.float32) if self._resizing is None else self._resizing(kept)
+        cropped = image[top : image.shape[0] - bottom]
+        pixels = cropped.astype(np.float32) if self._resizing is None else self._resizing(cropped)
         height, width, _ = pixels.shape
         channels = self._weights @ pixels.reshape(-1, 3).T + self._constants
         planes = channels.reshape(-1, height, width)
@@ -208,9 +208,9 @@ class Network:
         if inputs.speed is not None:
             shape = [size or 1 for size in self._model.inputs[inputs.speed]]
             fed[inputs.speed] = np.full(shape, self.convention.speed_scale * speed, np.float32)
-        given = self._model.run(fed)
+        results = self._model.run(fed)
         for name, output in inputs.states.items():
-            value = given[output].astype(np.float32)
+            value = results[output].astype(np.float32)
             if value.shape != self._states[name].shape:
                 raise ValueError(
                     f"its output {output} has the shape {shown_shape(value.shape)}, but the state"
@@ -219,7 +219,10 @@ class Network:
             self._states[name] = value
         fed_back = inputs.states.values()
         answer = np.concatenate(
-            [np.empty(0), *(one.ravel() for name, one in given.items() if name not in fed_back)]
+            [
+                np.empty(0),
+                *(values.ravel() for name, values in results.items() if name not in fed_back),
+            ]
         )
         outputs = self.convention.outputs
         if len(answer) != len(outputs.split("-")):
@@ -274,18 +277,18 @@ class Resizing:
     """Bilinear resizing of images from one size to another, pixels' centres on pixels' centres.
 
     Args:
-        seen: (height, width) of what comes.
-        wanted: those of what goes.
+        size: (height, width) of the images that come.
+        wanted: (height, width) of the images that go.
     """
 
-    def __init__(self, seen: tuple[int, int], wanted: tuple[int, int]) -> None:
+    def __init__(self, size: tuple[int, int], wanted: tuple[int, int]) -> None:
         (self._above, self._below, down), (self._before, self._behind, across) = (
-            _neighbours(*sizes) for sizes in zip(seen, wanted, strict=True)
+            _neighbours(*sizes) for sizes in zip(size, wanted, strict=True)
         )
         self._down, self._across = down[:, None, None], across[:, None]
 
     def __call__(self, image: Image) -> FloatImage:
-        """The resized image."""
+        """Return the resized image."""
         pixels = image.astype(np.float32)
         above, below = pixels[self._above], pixels[self._below]
         rows = above + self._down * (below - above)
@@ -295,23 +298,24 @@ class Resizing:
 
 
 def _neighbours(
-    seen: int, wanted: int
+    size: int, wanted: int
 ) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.intp], npt.NDArray[np.float32]]:
     """(index before, index behind, weight of the latter), (wanted,) each, along an axis."""
-    places = ((np.arange(wanted) + 0.5) * seen / wanted - 0.5).clip(0.0, seen - 1.0)
+    places = ((np.arange(wanted) + 0.5) * size / wanted - 0.5).clip(0.0, size - 1.0)
     before = places.astype(np.intp)
-    behind = np.minimum(before + 1, seen - 1)
+    behind = np.minimum(before + 1, size - 1)
     return before, behind, (places - before).astype(np.float32)
 
 
-def _camera(given: Mapping[str, float], height: int | None, width: int | None) -> Camera:
-    """The camera with the given fields, of the given size unless they say another.
+def _camera(options: Mapping[str, float], height: int | None, width: int | None) -> Camera:
+    """Return the camera with the given fields, of the given size unless they say another.
 
     Raises:
         ValueError: there is no such field, or it is out of range.
     """
-    if unknown := given.keys() - Camera.__dataclass_fields__.keys():
+    if unknown := options.keys() - Camera.__dataclass_fields__.keys():
         known = ", ".join(Camera.__dataclass_fields__)
         raise ValueError(f"a camera has no {min(unknown)!r}; it has: {known}")
     sizes = {"height": height, "width": width}
-    return Camera(**{name: size for name, size in sizes.items() if size is not None} | dict(given))  # type: ignore[arg-type]
+    fields = {name: size for name, size in sizes.items() if size is not None} | dict(options)
+    return Camera(**fields)  # type: ignore[arg-type]

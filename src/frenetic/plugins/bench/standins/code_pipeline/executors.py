@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 
-class Budget:
+class PipelineBudget:
     """The time left, in virtual s."""
 
     def __init__(self, time_budget: float) -> None:
@@ -40,7 +40,7 @@ class AbstractTestExecutor:
     def __init__(self, result_folder: str, map_size: float, time_budget: float) -> None:
         self.result_folder = result_folder
         self.map_size = map_size
-        self.time_budget = Budget(time_budget)
+        self.time_budget = PipelineBudget(time_budget)
 
     def execute_test(self, the_test: Any) -> tuple[str, str, list[Any]]:
         """Return outcome, description and records of a test; an invalid one has no records."""

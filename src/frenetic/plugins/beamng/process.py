@@ -1,0 +1,56 @@
+"""The process of a BeamNG.tech that is started here."""
+
+from __future__ import annotations
+
+import signal
+import socket
+import subprocess
+import sys
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from functools import partial
+from typing import Final
+
+from frenetic.processes.children import kill_tree
+
+LOOPBACK: Final = "127.0.0.1"
+"""Address of this machine."""
+QUIT_LIMIT: Final = 10.0
+"""Time that BeamNG.tech has to end when asked, and again when forced, in s; ours."""
+
+
+@contextmanager
+def child_deaf_to_interrupt() -> Iterator[None]:
+    """Keep a process started within from ending at our Ctrl-C, so that the drive is finished."""
+    is_main = threading.current_thread() is threading.main_thread()
+    if sys.platform == "win32" or not is_main:
+        yield
+        return
+    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)
+
+
+def end_process(process: subprocess.Popen[bytes]) -> None:
+    """End a process that we started, even if it hangs."""
+    if process.stdin is not None:
+        with suppress(OSError):
+            process.stdin.close()
+    tree = partial(kill_tree, process.pid)  # what it has started would outlive it on Windows
+    ways = (None, tree) if sys.platform == "win32" else (None, process.terminate, process.kill)
+    for tell in ways:
+        if tell is not None:
+            tell()
+        with suppress(subprocess.TimeoutExpired):
+            process.wait(QUIT_LIMIT)
+            return
+
+
+def free_port() -> int:
+    """Return a port of this machine on which nobody listens."""
+    with socket.socket(socket.AF_INET, socket.SOCK_STREAM) as probe:
+        probe.bind((LOOPBACK, 0))
+        return int(probe.getsockname()[1])
