@@ -132,7 +132,7 @@ def test_progress_never_exceeds_its_total(
         ("[with]\ndelay = 0.1\n", "new.toml names no driver: name one there, or give --driver"),
         (
             'driver = "stanley"\nspeed_limit = 60\n[with]\ndelay = 0.1\n',
-            "new.toml says 'with', 'speed_limit' otherwise than night, where both versions drive",
+            "new.toml and night differ in 'with', 'speed_limit', but both versions drive as the",
         ),
     ],
 )

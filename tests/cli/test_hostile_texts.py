@@ -14,7 +14,7 @@ import pytest
 
 from frenetic.campaign import Campaign, CampaignStore
 from frenetic.campaign.database import DATABASE
-from frenetic.cli.console import Results
+from frenetic.cli.console import ResultsConsole
 from frenetic.spec import Spec
 
 if TYPE_CHECKING:
@@ -233,7 +233,7 @@ def test_styles_stay_where_a_console_shows_control_characters(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setenv("FORCE_COLOR", "1")
-    console = Results()
+    console = ResultsConsole()
     console.file = io.StringIO()
     console.print(EVIL, style="bold", markup=False, soft_wrap=True)
     shown = "\\x1b[2J\\x1b]0;owned\\x07\\r\\x9b31m\\u202egnp.exe"

@@ -10,7 +10,7 @@ import pytest
 from frenetic.analysis.coverage import Axis
 from frenetic.analysis.features import FEATURES as AXES
 from frenetic.oracle.outcome import Outcome
-from frenetic.report.html import Part, feature_map
+from frenetic.report.html import DataBlock, feature_map
 from frenetic.report.html.feature_map import cells_of, choose_mapped, map_section
 from frenetic.report.html.tests import TestSummary
 
@@ -67,7 +67,7 @@ def test_failures_are_mapped_and_passes_thinned_and_that_is_said(
     measured = {test.id: FEATURES for test in chosen}
     section = map_section(measured, tests)
     (block,) = section.blocks
-    assert isinstance(block, Part)
+    assert isinstance(block, DataBlock)
     said = f"{mapped[0]} of {failures} failures, {mapped[1]} of {passes} others"
     assert (said in section.lead) is (mapped != (failures, passes))
     assert block.data["all_driven"] is (mapped == (failures, passes))
@@ -79,7 +79,7 @@ def test_conditions_are_axes_and_drives_outside_them_in_no_cell() -> None:
     tests = made(1, 3)
     measured = {test.id: FEATURES for test in tests}
     (block,) = map_section(measured, tests, {gust: [2, None, 0, 1]}).blocks
-    assert isinstance(block, Part)
+    assert isinstance(block, DataBlock)
     axis = block.data["axes"][-1]
     assert axis["name"] == "gust"
     assert axis["texts"] == ["Gust as usual", "Gust \u221210 to 0 m/s", "Gust 0 to 10 m/s"]

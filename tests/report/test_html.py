@@ -34,9 +34,9 @@ from frenetic.oracle.outcome import Outcome
 from frenetic.oracle.verdict import assess
 from frenetic.report.html import (
     Chart,
+    DataBlock,
     Facts,
     Paragraph,
-    Part,
     Report,
     Section,
     Series,
@@ -173,7 +173,7 @@ def test_headline_counts_what_the_campaign_holds(searched: Path) -> None:
         every, few = (distinct_failures(store, limit) for limit in (None, 3))
     report, sections = report_of(searched)
     (headline,) = sections["summary"].blocks
-    assert isinstance(headline, Part)
+    assert isinstance(headline, DataBlock)
     tiles = {label: (value, note) for label, value, note, _ in headline.data["tiles"]}
     assert tiles["simulations"][0] == str(counts.simulations) == "150"
     share = f"{100.0 * counts.failures / counts.simulations:.1f}\u00a0% of simulations"
@@ -201,7 +201,7 @@ def test_the_headline_says_the_conditions_of_all_drives(tmp_path: Path) -> None:
         folder=tmp_path,
     ).run()
     (headline,) = report_of(tmp_path)[1]["summary"].blocks
-    assert isinstance(headline, Part)
+    assert isinstance(headline, DataBlock)
     assert headline.data["facts"]["conditions"] == "noise 0.2 m"
 
 
@@ -212,7 +212,7 @@ def test_campaigns_without_results_have_a_report(searched: Path, tmp_path: Path)
         report, sections = report_of(folder)
         assert report.title == "No failure in 0 simulations"
         (headline,) = sections["summary"].blocks
-        assert isinstance(headline, Part)
+        assert isinstance(headline, DataBlock)
         assert headline.data["warning"].startswith("Not finished")
         assert {role for *_, role in headline.data["tiles"]} == {""}  # 0 is no alarm
 
@@ -400,7 +400,7 @@ def test_the_telling_rerun_of_a_failure_is_shown(copied: tuple[Path, list[int]])
         with closing(sqlite3.connect(path)) as database, database:
             database.execute("UPDATE test SET outcome = 'MAYBE'")
     (headline,) = report_of(folder)[1]["summary"].blocks
-    assert isinstance(headline, Part)
+    assert isinstance(headline, DataBlock)
     assert "is damaged" in headline.data["warning"]
 
 

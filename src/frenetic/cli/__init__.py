@@ -59,8 +59,8 @@ COMMANDS: Final = {
 
 def _commands() -> dict[str, str]:
     """Name -> ``module:function`` of our commands, and of plug-ins' and other packages'."""
-    theirs = {entry.name: entry.target for entry in installed("frenetic.commands")}
-    return theirs | {name: f"{__name__}.{target}" for name, target in COMMANDS.items()}
+    installed_commands = {entry.name: entry.target for entry in installed("frenetic.commands")}
+    return installed_commands | {name: f"{__name__}.{target}" for name, target in COMMANDS.items()}
 
 
 def _summary(target: str) -> str:
@@ -69,8 +69,8 @@ def _summary(target: str) -> str:
     with suppress(ImportError, OSError, ValueError):  # a broken package
         spec = find_spec(module)
         source = "" if spec is None or spec.origin is None else Path(spec.origin).read_text("utf-8")
-        found = re.search(rf'^def {re.escape(name)}\(.*?"""(.*?)(?:"""|\n)', source, re.S | re.M)
-        return "" if found is None else found[1]
+        match = re.search(rf'^def {re.escape(name)}\(.*?"""(.*?)(?:"""|\n)', source, re.S | re.M)
+        return "" if match is None else match[1]
     return ""
 
 
@@ -98,7 +98,7 @@ class CommandTable(click.Group):
             command = self.get_command(ctx, ctx.invoked_subcommand or "")
             text = str(error)
             for option, words, better in _CHOICES:
-                if command is not None and any(option in one.opts for one in command.params):
+                if command is not None and any(option in known.opts for known in command.params):
                     text = text.replace(words, better)
             error.args = (text,)
             raise

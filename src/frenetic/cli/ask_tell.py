@@ -13,7 +13,7 @@ from typing import Any
 import click
 
 from frenetic.cli import echo
-from frenetic.cli.entries import Given, entry_options
+from frenetic.cli.entries import CommandOptions, entry_options
 from frenetic.cli.options import as_usage_error, folder_option
 from frenetic.spec import Spec
 
@@ -43,7 +43,7 @@ def ask_tell(
     from frenetic.campaign.ask_tell import ToldCampaign
     from frenetic.campaign.database import DATABASE
 
-    spec = Given.of(context).over(Spec())
+    spec = CommandOptions.of(context).over(Spec())
     if spec.budget is None:
         spec = Spec.of(spec, {"simulations": DEFAULT_SIMULATIONS})
     folder, seed = new_folder() if out is None else out, spec.seed

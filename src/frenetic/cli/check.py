@@ -56,7 +56,7 @@ def check(campaign: Path, as_json: bool) -> None:
             echo(finding)
         if len(findings) > SHOWN:
             echo(f"{len(findings) - SHOWN:,} more")
-        found = counted(len(findings), "finding") if findings else "nothing is wrong"
-        print_facts([("check", found)])
+        text = counted(len(findings), "finding") if findings else "nothing is wrong"
+        print_facts([("check", text)])
     if findings:
         raise click.exceptions.Exit(1)

@@ -16,7 +16,7 @@ from rich.markup import escape
 from frenetic.cli import echo
 from frenetic.cli.compare_versions import compare_versions
 from frenetic.cli.console import Log, print_table
-from frenetic.cli.entries import Given, as_option, entry_option, trust_option, was_given
+from frenetic.cli.entries import CommandOptions, as_option, entry_option, trust_option, was_given
 from frenetic.cli.options import (
     NewFile,
     count_option,
@@ -45,7 +45,7 @@ _MOST_MEASURES: Final = 4
     type=NewFile(),
     multiple=True,
 )
-@entry_option("driver", "A new version of the driver of the one campaign named.")
+@entry_option("driver", "A new version of the campaign's driver.")
 @as_option
 @trust_option
 @count_option("--fresh", "Fresh random roads on which both versions drive.", default=200)
@@ -64,29 +64,29 @@ def compare(
 ) -> None:
     """Compare what the searches of groups of campaigns found, or two versions of a driver.
 
-    A FOLDER is that of a campaign, or holds the folders of several. Campaigns that differ only in
-    the seed repeat each other and form a group. NAME=FOLDER[,FOLDER...] forms a group of your own,
-    in which * and ? stand for parts of a name.
+    A FOLDER is the folder of a campaign, or holds the folders of several. Campaigns that differ
+    only in the seed repeat each other and form a group. NAME=FOLDER[,FOLDER...] names a group
+    of your choice; * and ? stand for parts of a folder's name.
 
-    Prints medians and quartiles of each group; for each pair the chance that a campaign of the one
-    does better than one of the other (A12), and p of the Mann-Whitney test; and the order of the
-    groups by distinct failures.
+    The command prints medians and quartiles of each group; for each pair the chance that a campaign
+    of the first group does better than one of the second (A12), and p of the Mann-Whitney test; and
+    the order of the groups by distinct failures.
 
-    With --driver or --as it says instead whether that driver is better than the one of the campaign
-    named. Both drive on fresh random roads, of its domain if it has one, on which the answer rests,
-    and on those on which the campaign failed. The same command goes on after Ctrl-C. The exit code
-    is 0 if the new version is better, 1 if it is worse, 3 if neither is shown.
+    With --driver or --as it says instead whether that driver beats the campaign's driver. Both
+    drive on fresh random roads (of the campaign's domain, if it has one), which decide, and on the
+    roads on which the campaign failed. After Ctrl-C the same command goes on. The exit code is 0 if
+    the new driver is better, 1 if it is worse, 3 if the drives show neither.
     """
     from frenetic.analysis.comparison import compare as compare_groups
 
-    if new_driver := Given.of(context):
+    if new_driver := CommandOptions.of(context):
         if out or len(places) > 1:
-            what = "leave out --out" if out else "name only that"
+            remedy = "leave out --out" if out else "name one campaign only"
             raise click.UsageError(
-                f"--driver and --as compare another driver with that of one campaign: {what}"
+                f"--driver and --as compare a new driver with one campaign's driver: {remedy}"
             )
-        how: Any = {"fresh": fresh, "workers": workers, "as_json": as_json}
-        compare_versions(Path(places[0]), new_driver, **how)
+        folder = Path(places[0])
+        compare_versions(folder, new_driver, fresh=fresh, workers=workers, as_json=as_json)
     for name, option in {"fresh": "fresh", "workers": "workers", "is_trusted": "trust"}.items():
         if was_given(context, name):
             raise click.UsageError(f"--{option} is for a new version of a driver: add --driver")
@@ -109,7 +109,7 @@ def compare(
 
 
 def _write(comparison: Comparison, path: Path, places: Sequence[str]) -> None:
-    """Writes a page or a picture, as the file's suffix says."""
+    """Write a page or a picture, as the file's suffix says."""
     if path.suffix.lower() == ".html":
         from frenetic.report.html.comparison import write_comparison_page
 
@@ -122,46 +122,53 @@ def _write(comparison: Comparison, path: Path, places: Sequence[str]) -> None:
 
 
 def grouped(places: tuple[str, ...]) -> dict[str, list[Path]]:
-    """The groups of campaigns that a command line names, in its order.
+    """Return the groups of campaigns that a command line names, in the order of the command line.
 
     Raises:
         FreneticError: a place holds no campaign, or two groups have one name.
     """
-    from frenetic.analysis.groups import find_campaigns, group_campaigns
+    from frenetic.analysis.groups import group_campaigns
 
     named: dict[str, list[Path]] = {}
     nameless: list[Path] = []
     for place in places:
         name, equals, listed = place.partition("=")
         if not equals or Path(place).exists():
-            nameless += [found for one in _expanded(place) for found in find_campaigns(one)]
+            nameless += _campaigns_in(place)
             continue
         if not name or not listed:
             raise click.UsageError(f"{place!r} is not NAME=FOLDER, nor is it a folder")
         members = named.setdefault(name, [])
-        for one in [listed] if Path(listed).exists() else listed.split(","):
-            members += [found for path in _expanded(one) for found in find_campaigns(path)]
+        for part in [listed] if Path(listed).exists() else listed.split(","):
+            members += _campaigns_in(part)
     others = group_campaigns(nameless)
     if twice := named.keys() & others.keys():
         raise click.UsageError(f"two groups are called {', '.join(twice)}: choose other names")
     return {**named, **others}
 
 
+def _campaigns_in(place: str) -> list[Path]:
+    """Return the folders of campaigns in a place, in which * and ? stand for parts of a name."""
+    from frenetic.analysis.groups import find_campaigns
+
+    return [campaign for folder in _expanded(place) for campaign in find_campaigns(folder)]
+
+
 def _expanded(place: str) -> list[Path]:
-    """The paths of a place with * or ?, which no shell expands after NAME=."""
+    """Return the paths of a place with * or ?, which no shell expands after NAME=."""
     path = Path(place)
     if path.exists() or not any(sign in place for sign in _WILD):
         return [path]
     root = Path(path.anchor)
     pattern = str(path.relative_to(root)) if path.anchor else place
-    found = sorted(found for found in root.glob(pattern) if found.is_dir())
-    if not found:
-        raise FreneticError(f"{place} stands for no folder: is it spelt right?")
-    return found
+    folders = sorted(path for path in root.glob(pattern) if path.is_dir())
+    if not folders:
+        raise FreneticError(f"{place} matches no folder: is it spelt right?")
+    return folders
 
 
 def comparison_document(comparison: Comparison) -> dict[str, Any]:
-    """A comparison as a JSON object; events that never happened are null."""
+    """Return a comparison as a JSON object; events that never happened are null."""
 
     def number(value: float) -> float | None:
         return value if math.isfinite(value) else None
@@ -202,9 +209,9 @@ def comparison_document(comparison: Comparison) -> dict[str, Any]:
 
 
 def print_comparison(comparison: Comparison) -> None:
-    """Prints medians with quartiles, the verdict on each pair, and the better group.
+    """Print medians with quartiles, the verdict on each pair, and the order of the groups.
 
-    Of many groups the pairs are told apart by the headline measure only.
+    Many groups are compared in pairs by the headline measure only.
     """
     from frenetic.analysis.comparison import verdict
     from frenetic.campaign.counts import Counts
@@ -230,7 +237,7 @@ def print_comparison(comparison: Comparison) -> None:
 
 
 def _print_by_measure(comparison: Comparison) -> None:
-    """A row per measure."""
+    """Print a row per measure."""
     groups = comparison.groups
     print_table(
         ("", *(f">{escape(name)}" for name in groups)),
@@ -240,7 +247,7 @@ def _print_by_measure(comparison: Comparison) -> None:
 
 
 def _print_by_group(comparison: Comparison) -> None:
-    """A row per group, with as many measures side by side as are readable."""
+    """Print a row per group, with as many measures side by side as are readable."""
     for start in range(0, len(comparison.measures), _MOST_MEASURES):
         beside = comparison.measures[start : start + _MOST_MEASURES]
         print_table(
@@ -258,4 +265,4 @@ def _print_pairs(measures: Sequence[MeasureComparison], *, several: bool) -> Non
         list(pair_rows(measures)),
         title="Differences",
     )
-    echo("A12: chance that a campaign of the first named does better than one of the second")
+    echo("A12: chance that a campaign of the first group does better than one of the second")

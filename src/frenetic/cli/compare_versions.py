@@ -1,4 +1,4 @@
-"""What compare says of two versions of a driver."""
+"""The part of compare that compares two versions of a driver."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from msgspec import structs
 from frenetic._support.words import counted, part_word
 from frenetic.cli import echo
 from frenetic.cli.console import Log, print_table, shell
-from frenetic.cli.entries import Given
+from frenetic.cli.entries import CommandOptions
 from frenetic.cli.rerun_options import campaign_source, interrupted, shown_driving
 from frenetic.errors import CampaignError, FreneticError
 from frenetic.spec import Spec
@@ -23,22 +23,22 @@ if TYPE_CHECKING:
 
 
 def compare_versions(
-    folder: Path, given: Given, *, fresh: int, workers: int, as_json: bool
+    folder: Path, options: CommandOptions, *, fresh: int, workers: int, as_json: bool
 ) -> NoReturn:
-    """Says whether another driver is better than that of a campaign; ends the command.
+    """Say whether a new driver is better than a campaign's driver, and end the command.
 
     Args:
-        folder: of the campaign.
-        given: the options ``--driver`` and ``--as``.
+        folder: folder of the campaign.
+        options: the options ``--driver`` and ``--as``.
         fresh: number of fresh random roads.
         workers: roads driven at once.
         as_json: whether to print the result as JSON.
     """
     from frenetic.rerun.back_to_back import BETTER, WORSE
 
-    old, new, place = _specs(folder, given)
-    how: Any = {"fresh": fresh, "is_trusted": given.is_trusted}
-    result = _driven(folder, old, new, place, workers, **how)
+    old, new, place = _specs(folder, options)
+    is_trusted = options.is_trusted
+    result = _driven(folder, old, new, place, workers, fresh=fresh, is_trusted=is_trusted)
     if as_json:
         echo(json.dumps(result.as_json()))
     else:
@@ -46,13 +46,13 @@ def compare_versions(
     raise click.exceptions.Exit({BETTER: 0, WORSE: 1}.get(result.verdict, 3))
 
 
-def _specs(folder: Path, given: Given) -> tuple[Spec, Spec, Path]:
-    """The specs of both versions, and the folder in which the new one is made.
+def _specs(folder: Path, options: CommandOptions) -> tuple[Spec, Spec, Path]:
+    """Return the specs of both versions, and the folder in which the new driver is made.
 
     Raises:
         CampaignError: the campaign was started from Python, or its record is damaged.
-        FreneticError: it names code that this user has not trusted, or the file of ``--as`` says
-            more than another driver.
+        FreneticError: the campaign names code that this user has not trusted, or the file of
+            ``--as`` changes more than the driver.
     """
     from frenetic.campaign import CampaignStore
     from frenetic.campaign.configuration import SPEC
@@ -60,35 +60,37 @@ def _specs(folder: Path, given: Given) -> tuple[Spec, Spec, Path]:
 
     with CampaignStore.open(folder) as store:
         if store.config.get(SPEC) is None:
-            how = "was told its results" if is_told(store.config) else "was started from Python"
+            origin = "was told its results" if is_told(store.config) else "was started from Python"
             raise CampaignError(
-                f"{folder} {how}, so its parts have no names: compare the versions from Python,"
+                f"{folder} {origin}, so its parts have no names: compare the versions from Python,"
                 " with frenetic.rerun.back_to_back"
             )
         source = campaign_source(store)
         old = Spec.of(source.spec)
-        Given(is_trusted=given.is_trusted).trusted(old, source)
-        new = structs.replace(old, driver=_new_driver(folder, old, given))
-        return old, *given.trusted(new, source, of_file=("driver",), noted=("simulator",))
+        CommandOptions(is_trusted=options.is_trusted).trusted(old, source)
+        new = structs.replace(old, driver=_new_driver(folder, old, options))
+        return old, *options.trusted(new, source, of_file=("driver",), noted=("simulator",))
 
 
-def _new_driver(folder: Path, old: Spec, given: Given) -> str | None:
-    """The new driver, in whose file all else has to be as in the campaign.
+def _new_driver(folder: Path, old: Spec, options: CommandOptions) -> str | None:
+    """Return the new driver; the file of ``--as`` must agree with the campaign in all else.
 
     Raises:
-        FreneticError: the file of ``--as`` names no driver, or says what the campaign does not.
+        FreneticError: the file of ``--as`` names no driver, or differs in more than the driver.
     """
-    file = Given(driven_as=given.driven_as).over(Spec())
-    if given.driven_as is not None and file.driver is None:
-        raise FreneticError(f"{given.driven_as} names no driver: name one there, or give --driver")
+    file = CommandOptions(driven_as=options.driven_as).over(Spec())
+    if options.driven_as is not None and file.driver is None:
+        raise FreneticError(
+            f"{options.driven_as} names no driver: name one there, or give --driver"
+        )
     recorded = {**old.entries(), "simulator": part_word(*old.part("simulator"))}
     others = {name: value for name, value in file.entries().items() if name != "driver"}
     if differing := [repr(name) for name, value in others.items() if value != recorded.get(name)]:
         raise FreneticError(
-            f"{given.driven_as} says {', '.join(differing)} otherwise than {folder}, where both"
-            " versions drive: leave that out, and only the driver differs"
+            f"{options.driven_as} and {folder} differ in {', '.join(differing)}, but both"
+            " versions drive as the campaign did: leave out all but the driver"
         )
-    return given.over(old).driver
+    return options.over(old).driver
 
 
 def _driven(
@@ -103,17 +105,16 @@ def _driven(
     with CampaignStore.open(folder) as store:
         drives = 2 * fresh + store.counts().failed
         recorded, terms = recorded_driver(store), store.setting.terms
-    # The new version is made first, so that a mistake in it shows before the old one has driven.
+    # The new version is made first, so that a mistake in it shows before the old version drives.
     with chdir(place):
         tester = RoadTester.of(new, terms)
     check_differ(recorded, tester.described["driver"])
     with shown_driving(log, "Driving both versions", drives) as on_event:
-        how: Any = {"workers": workers, "isolate": True, "on_event": on_event}
-        roads = fresh_roads_as_recorded(folder, old, fresh=fresh, is_trusted=is_trusted, **how)
-        result = compared(roads, tester, **how)
+        driving: Any = {"workers": workers, "isolate": True, "on_event": on_event}
+        roads = fresh_roads_as_recorded(folder, old, fresh=fresh, is_trusted=is_trusted, **driving)
+        result = compared(roads, tester, **driving)
     if result.missing:
-        left = counted(result.missing, "drive")
-        raise interrupted(log, f"{left} to go")
+        raise interrupted(log, f"{counted(result.missing, 'drive')} to go")
     return result
 
 
@@ -130,7 +131,7 @@ def _print(result: BackToBack, old: Spec, new: Spec) -> None:
     print_table(
         ("", ">judged", ">old fails", ">new fails", *(f">{change}" for change in Change)),
         [
-            (name, len(roads.judged), *roads.failing, *(roads.changes[one] for one in Change))
+            (name, len(roads.judged), *roads.failing, *(roads.changes[change] for change in Change))
             for name, roads in sets.items()
             if roads.pairs
         ],

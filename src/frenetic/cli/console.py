@@ -52,7 +52,7 @@ class _ShowingConsole(Console):
         return super().render_str(printable(text), **options)
 
 
-class Results(_ShowingConsole):
+class ResultsConsole(_ShowingConsole):
     """The console for results: as wide as needed where they go into a file or a pipe."""
 
     def __init__(self) -> None:
@@ -173,7 +173,7 @@ class TimeLeft:
 
 
 @contextmanager
-def counted_progress(log: Console, what: str) -> Iterator[Callable[[int, int], None]]:
+def counted_progress(log: Console, work: str) -> Iterator[Callable[[int, int], None]]:
     """Gives a function that shows the work done, and the whole work.
 
     Args:
@@ -183,7 +183,7 @@ def counted_progress(log: Console, what: str) -> Iterator[Callable[[int, int], N
     time_left = TimeLeft()
 
     def update(done: int, total: int) -> None:
-        text = f"{what}: {done:,} of {total:,}{time_left.words(done, total)}"
+        text = f"{work}: {done:,} of {total:,}{time_left.words(done, total)}"
         show(done / max(total, 1), lambda: text)
 
     with live_line(log) as show:
@@ -206,7 +206,7 @@ def print_table(
         table.add_column(text, justify="left" if text == heading else "right", overflow="fold")
     for row in rows:
         table.add_row(*("-" if cell is None else escape(str(cell)) for cell in row))
-    Results().print(table)
+    ResultsConsole().print(table)
 
 
 def two_digits(value: float | None) -> str | None:
@@ -227,7 +227,7 @@ def print_failures(clusters: Clusters, counts: Counts, listed: int, lane_width: 
     """
     failures = counts.failures
     if counts.broken and not failures:
-        Results().print(capitalised(counts.broken), style="bold", markup=False)
+        ResultsConsole().print(capitalised(counts.broken), style="bold", markup=False)
     if not clusters:
         return
     heading = "what happens"
@@ -240,7 +240,7 @@ def print_failures(clusters: Clusters, counts: Counts, listed: int, lane_width: 
         title = counted(len(clusters), "distinct failure")
         if listed < len(clusters):
             title += f", the {listed} most severe"
-    Results().print(title, style="bold", markup=False)
+    ResultsConsole().print(title, style="bold", markup=False)
     is_outside = {
         cluster.moobd < 0.0 for cluster in clusters.clusters[:listed] if cluster.fault is None
     }
@@ -273,7 +273,7 @@ def print_causes(clusters: Clusters, counts: Counts, shortened: Mapping[int, Tes
         shortened: the drives on minimised roads, by their tests.
     """
     if counts.broken:
-        Results().print(capitalised(counts.broken), style="bold", markup=False)
+        ResultsConsole().print(capitalised(counts.broken), style="bold", markup=False)
     if not clusters:
         return
     severe = (
@@ -283,7 +283,7 @@ def print_causes(clusters: Clusters, counts: Counts, shortened: Mapping[int, Tes
     title += f"{counted(counts.failures, 'failure')}, {len(clusters)} of them distinct"
     if clusters.known:
         title += f", {clusters.known} known before"
-    Results().print(title, style="bold", markup=False)
+    ResultsConsole().print(title, style="bold", markup=False)
     print_table(
         (">failures", ">distinct", "what the driver does", ">example", "its road"),
         [

@@ -60,7 +60,7 @@ def doctor(simulator: Spec | None, as_json: bool) -> None:
     elif name is not None:
         failed = len(examinations[0].failed)
         echo(f"{name}: {f'{failed} of the checks failed' if failed else 'all is well'}")
-    if any(one.health is Health.BROKEN for one in examinations):
+    if any(examination.health is Health.BROKEN for examination in examinations):
         raise click.exceptions.Exit(1)
 
 

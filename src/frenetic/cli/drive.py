@@ -23,7 +23,7 @@ from frenetic.cli.console import (
     shell,
 )
 from frenetic.cli.entries import (
-    Given,
+    CommandOptions,
     entry_option,
     entry_options,
     part_options,
@@ -109,11 +109,11 @@ def drive(
     drive goes on behind that place as another one. The exit code is 1 if a road is INVALID or the
     simulator broke (ERROR).
     """
-    given, rules = Given.of(context), None
+    options, rules = CommandOptions.of(context), None
     if source.is_dir():
         if lane is not None or map_roads is not None:
             raise click.UsageError("--lane and --road are for OpenDRIVE, not for a campaign's test")
-        (spec, folder), rules, roads = _of_campaign(given, source, test_ids, dry=dry)
+        (spec, folder), rules, roads = _of_campaign(options, source, test_ids, dry=dry)
     elif len(test_ids) > 1:
         raise click.UsageError(
             f"{source} is no campaign's folder: name one ID of its list of tests"
@@ -121,12 +121,12 @@ def drive(
     elif map_roads is not None:
         if test_ids:
             raise click.UsageError("--road is for OpenDRIVE, an ID for a list of tests")
-        if given.says("map_size"):
+        if options.says("map_size"):
             raise click.UsageError("--road drives roads where they lie: leave out --map-size")
-        (spec, folder), roads = _of_map(given, source, map_roads, lane)
+        (spec, folder), roads = _of_map(options, source, map_roads, lane)
     else:
         number = next(iter(test_ids), None)
-        (spec, folder), roads = _of_file(given, source, lane, number, dry=dry)
+        (spec, folder), roads = _of_file(options, source, lane, number, dry=dry)
     if plot is not None and (dry or len(roads) > 1):
         raise click.UsageError("--plot draws one drive: leave it out with --dry or several roads")
     if dry:
@@ -148,7 +148,7 @@ def drive(
 
 
 def _of_campaign(
-    given: Given, folder: Path, test_ids: tuple[int, ...], *, dry: bool
+    options: CommandOptions, folder: Path, test_ids: tuple[int, ...], *, dry: bool
 ) -> tuple[tuple[Spec, Path], Rules | None, list[Asked]]:
     """A campaign's spec and the folder of its code, its rules unless that says them, and roads."""
     from frenetic.campaign import CampaignStore
@@ -158,15 +158,15 @@ def _of_campaign(
         raise click.UsageError(
             f"{folder} is a folder: say which tests of the campaign, or name a road file"
         )
-    if given.says("map_size"):
+    if options.says("map_size"):
         raise click.UsageError("--map-size is for a ROAD file: a campaign has its own map")
     with CampaignStore.open(folder) as store:
         tests = [store.test(number) for number in dict.fromkeys(test_ids)]
         is_made = not dry or any(not test.road.is_plain for test in tests)
         config = store.config
-        spec, place = campaign_spec(store, given, checked=is_made)
+        spec, place = campaign_spec(store, options, checked=is_made)
         terms, rules = store.setting, recorded_rules(store, spec)
-    instead = given.quantities(spec)
+    instead = options.quantities(spec)
     roads = []
     for test in tests:
         fitted, verdict = test.road.placed(terms.map_size, terms.margin, terms.road_class)
@@ -177,7 +177,7 @@ def _of_campaign(
 
 
 def _of_file(
-    given: Given, path: Path, lane: int | None, test_id: int | None, *, dry: bool
+    options: CommandOptions, path: Path, lane: int | None, test_id: int | None, *, dry: bool
 ) -> tuple[tuple[Spec, Path], list[Asked]]:
     """Spec, folder and road of a road file; without a drive, points are judged where they lie."""
     from frenetic.road import Verdict
@@ -185,7 +185,7 @@ def _of_file(
 
     file = read_road(path, lane=lane, test=test_id)
     road = file.road()
-    spec, folder = file_spec(given, file, checked=not dry or not road.is_plain)
+    spec, folder = file_spec(options, file, checked=not dry or not road.is_plain)
     terms = spec.terms
     fitted, verdict = road.placed(terms.map_size, road_class=terms.road_class)
     if dry:
@@ -214,7 +214,7 @@ def _larger_map(file: RoadFile, road: Road, spec: Spec) -> str:
 
 
 def _of_map(
-    given: Given, path: Path, map_roads: str, lane: int | None
+    options: CommandOptions, path: Path, map_roads: str, lane: int | None
 ) -> tuple[tuple[Spec, Path], list[Asked]]:
     """Spec and folder for the roads of a map, and these where they lie."""
     from frenetic.errors import RoadError
@@ -223,7 +223,7 @@ def _of_map(
     from frenetic.search.random_search import TO_GO_ON
     from frenetic.simulators.conditions import rules_in
 
-    spec, folder = given.trusted(given.over(Spec(), has_roads=False))
+    spec, folder = options.trusted(options.over(Spec(), has_roads=False))
     road_map, stretches = read_stretches(path, map_roads, lane=lane)
 
     def asked(stretch: Stretch) -> Asked:

@@ -60,7 +60,7 @@ def names_of(
     return complete
 
 
-class _Entry(click.ParamType):  # type: ignore[type-arg]  # generic in click's newest only
+class _SpecOption(click.ParamType):  # type: ignore[type-arg]  # generic in click's newest only
     """The type of an option, for click: from a text to a spec with that one entry.
 
     Args:
@@ -98,16 +98,16 @@ def _takes_text(entry: str) -> bool:
     return any(str in (kind, get_origin(kind)) for kind in (hint, *get_args(hint)))
 
 
-def _read_amount(given: str) -> tuple[str, float]:
+def _read_amount(text: str) -> tuple[str, float]:
     """(name, amount) of a quantity, from NAME=VALUE."""
-    name, equals, text = (part.strip() for part in given.partition("="))
+    name, equals, amount_text = (part.strip() for part in text.partition("="))
     row = quantity(name)
     try:
-        amount = float(text) if equals else math.nan
+        amount = float(amount_text) if equals else math.nan
     except ValueError:
         amount = math.nan
     if math.isnan(amount):
-        raise ValueError(f"{given!r} is not NAME=VALUE, as in {name}={row.usual[1]:g}")
+        raise ValueError(f"{text!r} is not NAME=VALUE, as in {name}={row.usual[1]:g}")
     return name, amount
 
 
@@ -133,7 +133,7 @@ def entry_option(entry: str, help: str = "") -> Decorator:  # noqa: A002
     return click.option(
         f"--{_NAMES.get(entry, entry).replace('_', '-')}",
         entry,
-        type=_Entry(entry),
+        type=_SpecOption(entry),
         metavar=metavar,
         multiple=entry in _SEVERAL,
         help=text,
@@ -189,7 +189,7 @@ def was_given(context: click.Context, name: str) -> bool:
 
 
 @dataclass(frozen=True)
-class Source:
+class PartsSource:
     """A file or campaign that names parts which a command makes."""
 
     path: Path
@@ -204,7 +204,7 @@ class Source:
 
 
 @dataclass(frozen=True)
-class Given:
+class CommandOptions:
     """What a command line says of how roads are driven and searched."""
 
     spec: Spec = field(default_factory=Spec)
@@ -219,7 +219,7 @@ class Given:
     """Names of its command's parameters."""
 
     @classmethod
-    def of(cls, context: click.Context) -> Given:
+    def of(cls, context: click.Context) -> CommandOptions:
         """What the options of a command say, in whatever order.
 
         Raises:
@@ -236,12 +236,12 @@ class Given:
             said |= spec.user_values | repeated
         kinds = {parameter.name or "" for parameter in context.command.params}
         is_trusted = context.params.get("is_trusted", False)
-        given = cls(Spec(**said), context.params.get(AS), is_trusted, kinds=kinds)
-        options = given.spec.part("simulator").options
-        for name in given.spec.conditions:
-            if quantity(name).attribute in options:
+        options = cls(Spec(**said), context.params.get(AS), is_trusted, kinds=kinds)
+        simulator_options = options.spec.part("simulator").options
+        for name in options.spec.conditions:
+            if quantity(name).attribute in simulator_options:
                 raise click.UsageError(f"{name} is there twice, in --with and in --simulator")
-        return given
+        return options
 
     def __bool__(self) -> bool:
         return bool(self.spec.user_values) or self.driven_as is not None
@@ -275,18 +275,18 @@ class Given:
         return Spec.of(spec, self.spec)
 
     @cached_property
-    def _as_source(self) -> Source | None:
+    def _as_source(self) -> PartsSource | None:
         """The file of ``--as``."""
         if (path := self.driven_as) is None:
             return None
         if path.suffix.lower() == ".toml":
-            return Source(path, Spec.read(path))
-        return Source(path, Spec.read_driven(path), sign=partial(sign_driven, path))
+            return PartsSource(path, Spec.read(path))
+        return PartsSource(path, Spec.read_driven(path), sign=partial(sign_driven, path))
 
     def trusted(
         self,
         spec: Spec,
-        source: Source | None = None,
+        source: PartsSource | None = None,
         *,
         left_out: Collection[str] = NOT_DRIVING,
         of_file: Collection[str] = ("driver", "simulator"),
@@ -312,15 +312,15 @@ class Given:
         """
         here = Path.cwd()
         parts = {kind: part for kind, part in spec.parts.items() if kind not in left_out}
-        made: Parts = {**parts, **others}
+        needed: Parts = {**parts, **others}
         names = {kind: part for kind, part in self.spec.parts.items() if kind in self.parts}
         named: Parts = {**names, **self.others}
         if self._as_source is None:
             of_file = ()
         folders: dict[str, Path] = {}
         for file, its in (
-            (self._as_source, {kind: part for kind, part in made.items() if kind in of_file}),
-            (source, {kind: part for kind, part in made.items() if kind not in of_file}),
+            (self._as_source, {kind: part for kind, part in needed.items() if kind in of_file}),
+            (source, {kind: part for kind, part in needed.items() if kind not in of_file}),
         ):
             if file is not None:
                 folder = self._trusted_folder(file, named, its)
@@ -328,22 +328,22 @@ class Given:
         place = next((folder for folder in folders.values() if not is_here(folder)), here)
         for kind, folder in folders.items():
             if not is_here(folder) and kind not in {"workers", *noted}:
-                Log().print(f"Note: {made[kind][0]} is loaded from {folder}", markup=False)
+                Log().print(f"Note: {needed[kind][0]} is loaded from {folder}", markup=False)
         elsewhere = {
             kind: folders.get(kind, here)
-            for kind in named_code(made)
+            for kind in named_code(needed)
             if kind in REGISTRIES and folders.get(kind, here) != place
         }
         return spec.with_files_in(elsewhere), place
 
-    def _trusted_folder(self, source: Source, named: Parts, made: Parts) -> Path:
+    def _trusted_folder(self, source: PartsSource, named: Parts, needed: Parts) -> Path:
         """The folder from which a file's or campaign's code is loaded, which ``--trust`` signs."""
         spec = source.spec
         folder = spec.require_trusted(
             source.path,
             others=source.others,
             named=named,
-            needed=made,
+            needed=needed,
             is_trusted=self.is_trusted,
             sources=source.sources,
             is_toml=source.sign is None,
@@ -372,7 +372,7 @@ class Given:
         Raises:
             click.UsageError: the command line gives one.
         """
-        for name in Given(self.spec).quantities(Spec()):
+        for name in CommandOptions(self.spec).quantities(Spec()):
             if spec.domain is not None and name in spec.domain.conditions:
                 raise click.UsageError(
                     f"{name} is given, and {spec.domain.name} draws it: leave out one of the two"
@@ -392,31 +392,31 @@ def without_place(spec: Spec) -> Spec:
     return _placed(spec, {})
 
 
-def moved(recorded: Spec, given: Spec | None) -> Spec:
+def moved(recorded: Spec, place_options: Spec | None) -> Spec:
     """The spec of a campaign, whose simulator is where `place_option` says that it is now.
 
     Raises:
         click.UsageError: it says more than a place, or the simulator is another.
     """
-    if given is None:
+    if place_options is None:
         return recorded
-    name, known = (
+    name, known_options = (
         recorded.part("simulator").name,
         usual_of(recorded.part("simulator").name).place_options,
     )
-    place = Spec.of({"simulator": name}, given).part("simulator")
-    if place.name != name or not place.options.keys() <= {*known}:
-        only = f"can only say where {name} is ({', '.join(known)})"
+    place_part = Spec.of({"simulator": name}, place_options).part("simulator")
+    if place_part.name != name or not place_part.options.keys() <= {*known_options}:
+        only = f"can only say where {name} is ({', '.join(known_options)})"
         raise click.UsageError(
-            f"--simulator {only if known else f'is for one that moves, unlike {name}'}:"
+            f"--simulator {only if known_options else f'is for one that moves, unlike {name}'}:"
             " all else would be another campaign"
         )
-    return _placed(recorded, place.options)
+    return _placed(recorded, place_part.options)
 
 
 def _placed(spec: Spec, place: Mapping[str, Any]) -> Spec:
     """The spec whose simulator has these options in place of those that say where it is."""
     name, options = spec.part("simulator")
     known = usual_of(name).place_options
-    kept = {option: value for option, value in options.items() if option not in known}
-    return structs.replace(spec, simulator=part_word(name, {**kept, **place}))
+    others = {option: value for option, value in options.items() if option not in known}
+    return structs.replace(spec, simulator=part_word(name, {**others, **place}))

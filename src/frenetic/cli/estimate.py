@@ -13,7 +13,7 @@ import click
 from frenetic._support.words import counted
 from frenetic.cli import Invocation, echo
 from frenetic.cli.console import Log, shell, this_command
-from frenetic.cli.entries import Given, entry_option, part_options, trust_option
+from frenetic.cli.entries import CommandOptions, entry_option, part_options, trust_option
 from frenetic.cli.options import (
     as_usage_error,
     count_option,
@@ -65,23 +65,23 @@ def estimate(
     from frenetic.rerun.estimate import estimate as estimated
     from frenetic.rerun.rerun import campaign_tester
 
-    given = Given.of(context)
-    if campaign is None and not given.says("odd"):
+    options = CommandOptions.of(context)
+    if campaign is None and not options.says("odd"):
         raise click.UsageError("--odd FILE or the folder of a CAMPAIGN with a domain is needed")
-    if campaign is not None and given:
+    if campaign is not None and options:
         raise click.UsageError(
             f"{campaign} is estimated as it was driven: options are for --odd FILE without it"
         )
     if campaign is None:
-        spec, place = given.trusted(given.over(Spec(), has_roads=False))
-        given.check_drawn(spec)
+        spec, place = options.trusted(options.over(Spec(), has_roads=False))
+        options.check_drawn(spec)
         with as_usage_error(), chdir(place):
             tester = RoadTester.of(spec)
     else:
         with CampaignStore.open(campaign) as store:
             if store.setting.domain is None:
                 raise click.UsageError(f"{campaign} searched no domain: one with --odd did")
-            spec, place = campaign_spec(store, given)
+            spec, place = campaign_spec(store, options)
             with chdir(place):
                 tester = campaign_tester(store, spec)
     log = Log()

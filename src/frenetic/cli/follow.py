@@ -14,7 +14,7 @@ import click
 from frenetic._support.words import format_duration
 from frenetic.campaign.status import CampaignState, News, Status, look
 from frenetic.cli import echo
-from frenetic.cli.console import Results, live_line, print_facts, progress_text
+from frenetic.cli.console import ResultsConsole, live_line, print_facts, progress_text
 
 INTERVAL: Final = 1.0
 """Least time between two looks at the campaign, in s."""
@@ -28,7 +28,7 @@ def follow(folder: Path, *, as_json: bool) -> None:
     if as_json:
         echo(json.dumps({"folder": str(folder)} | state.as_json()))
         return
-    console = Results()
+    console = ResultsConsole()
     print_facts(_facts(state, folder))
     began = state.status
     known: tuple[News, ...] = ()

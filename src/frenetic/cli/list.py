@@ -35,7 +35,7 @@ UNITS: Final = {
     "min_crest": "m",
     "min_sag": "m",
 }
-"""Rule of a road class -> its unit."""
+"""Rule of a road class -> unit."""
 _REGISTRIES: Final = {
     "drivers": DRIVERS,
     "strategies": STRATEGIES,
@@ -45,6 +45,7 @@ _REGISTRIES: Final = {
 
 
 _KINDS: Final = [*_REGISTRIES, "quantities", "roads", "criteria"]
+"""Kinds in the order in which they are listed."""
 
 
 @click.command("list")
@@ -62,26 +63,26 @@ def list_parts(kind: str | None, as_json: bool) -> None:
         documents = {kind: _documents(kind) for kind in kinds}
         echo(json.dumps(documents if kind is None else documents[kind]))
         return
-    for number, one in enumerate(kinds):
+    for number, listed_kind in enumerate(kinds):
         if number:
             echo()
-        _print(one, title=one.capitalize() if kind is None else None)
+        _print(listed_kind, title=listed_kind.capitalize() if kind is None else None)
 
 
 def _documents(kind: str) -> list[dict[str, Any]]:
     if kind == "roads":
-        return [one.as_json() for one in _classes()]
+        return [road_class.as_json() for road_class in _classes()]
     if kind == "criteria":
-        return [one.as_json() for one in profiles().values()]
+        return [criteria_set.as_json() for criteria_set in profiles().values()]
     if kind != "quantities":
         registry = _REGISTRIES[kind]
         return [
             {
-                **asdict(one),
-                "summary": registry.about(one),
-                **({"lays": _laid_by(one.name)} if registry is SIMULATORS else {}),
+                **asdict(entry),
+                "summary": registry.about(entry),
+                **({"lays": _laid_by(entry.name)} if registry is SIMULATORS else {}),
             }
-            for one in registry.entries()
+            for entry in registry.entries()
         ]
     return [
         {
@@ -97,15 +98,15 @@ def _documents(kind: str) -> list[dict[str, Any]]:
 
 
 def _laid_by(simulator: str) -> list[str] | None:
-    """Quantities that a simulator lays, for a driver without a camera; None if it has no class."""
+    """Return the conditions that a simulator lays without a camera; None if unknown."""
     from frenetic.spec import usual_of
 
     try:
-        able = usual_of(simulator)
+        usual = usual_of(simulator)
     except FreneticError:  # its package is broken
         return None
     rows = quantities().values()
-    return [row.name for row in rows if able.lays(row) and not row.needs_camera]
+    return [row.name for row in rows if usual.lays(row) and not row.needs_camera]
 
 
 def _classes() -> list[RoadClass]:
@@ -115,17 +116,20 @@ def _classes() -> list[RoadClass]:
 
 
 def _print_classes(title: str | None) -> None:
-    """The classes side by side, a rule in each row."""
-    found = _classes()
+    """Print the road classes side by side, a rule in each row."""
+    road_classes = _classes()
     rows = [
         (
             rule.replace("_", " "),
-            *(f"{getattr(one, rule) * (100.0 if unit == '%' else 1.0):g}" for one in found),
+            *(
+                f"{getattr(road_class, rule) * (100.0 if unit == '%' else 1.0):g}"
+                for road_class in road_classes
+            ),
             unit,
         )
         for rule, unit in UNITS.items()
     ]
-    print_table(("rule", *(one.name for one in found), ""), rows, title=title)
+    print_table(("rule", *(road_class.name for road_class in road_classes), ""), rows, title=title)
     echo(
         "Where each comes from: frenetic list roads --json. Without --roads, the competition's own"
         " rules count alone."
@@ -133,22 +137,30 @@ def _print_classes(title: str | None) -> None:
 
 
 def _print_criteria(title: str | None) -> None:
-    """The profiles side by side, a quantity in each row."""
-    found = profiles()
-    limits = {name: {c.quantity: c for c in one.criteria} for name, one in found.items()}
-    names = dict.fromkeys([*QUANTITIES, *(name for own in limits.values() for name in own)])
+    """Print the sets of criteria side by side, a quantity in each row."""
+    criteria_sets = profiles()
+    limits = {
+        name: {c.quantity: c for c in criteria_set.criteria}
+        for name, criteria_set in criteria_sets.items()
+    }
+    names = dict.fromkeys(
+        [*QUANTITIES, *(name for set_limits in limits.values() for name in set_limits)]
+    )
     rows = [
         (
             quantity_of(name).words,
-            *(None if name not in own else f"{own[name].limit:g}" for own in limits.values()),
+            *(
+                None if name not in set_limits else f"{set_limits[name].limit:g}"
+                for set_limits in limits.values()
+            ),
             quantity_of(name).unit,
         )
         for name in names
     ]
-    print_table(("limit", *found, ""), rows, title=title)
-    for name, one in found.items():
-        left_out = f" Left out: {one.left_out}." if one.left_out else ""
-        echo(f"{name}: {one.about}.{left_out}")
+    print_table(("limit", *criteria_sets, ""), rows, title=title)
+    for name, criteria_set in criteria_sets.items():
+        left_out = f" Left out: {criteria_set.left_out}." if criteria_set.left_out else ""
+        echo(f"{name}: {criteria_set.about}.{left_out}")
     echo(
         "Each limit's clause and window: frenetic list criteria --json. Leaving the lane fails in"
         " all; limits of your own: --criteria after-un-r79,lateral_jerk=4."
@@ -192,9 +204,9 @@ def _print(kind: str, title: str | None) -> None:
         title=title,
     )
     if laid:
-        plain, seen = ([r.name for r in layers if r.needs_camera is n] for n in (False, True))
-        told = f"; over one with a camera: {', '.join(seen)}" if seen else ""
-        echo(f"Over the driver, in all of them: {', '.join(plain)}{told}.")
+        others, camera = ([r.name for r in layers if r.needs_camera is n] for n in (False, True))
+        camera_text = f"; over one with a camera: {', '.join(camera)}" if camera else ""
+        echo(f"Over the driver, in all of them: {', '.join(others)}{camera_text}.")
     files = "".join(f", or path/to/file{suffix}" for suffix in registry.files)
     word = registry.target.capitalize()
     echo(f"Your own: package.module:{word} or path/to/file.py:{word}{files} as --{registry.kind}.")

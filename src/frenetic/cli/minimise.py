@@ -14,7 +14,7 @@ import click
 from frenetic._support.words import counted
 from frenetic.cli import complain, echo
 from frenetic.cli.console import Log, print_facts, shell, this_command
-from frenetic.cli.entries import Given, part_options, trust_option
+from frenetic.cli.entries import CommandOptions, part_options, trust_option
 from frenetic.cli.options import (
     as_usage_error,
     count_option,
@@ -96,15 +96,15 @@ def minimise(
     from frenetic.rerun.minimise import minimise_test
     from frenetic.rerun.rerun import campaign_tester
 
-    given = Given.of(context)
+    options = CommandOptions.of(context)
     if source.is_dir():
-        spec, folder, works = _of_campaign(given, source, test_ids, top, out)
+        spec, folder, works = _of_campaign(options, source, test_ids, top, out)
         with CampaignStore.open(source) as store, chdir(folder):
             tester = campaign_tester(store, spec)
     elif test_ids or top is not None:
         raise click.UsageError(f"{source} is no folder: an ID or --top needs that of a campaign")
     else:
-        spec, folder, works = _of_file(given, source, out)
+        spec, folder, works = _of_file(options, source, out)
         with as_usage_error(), chdir(folder):
             tester = RoadTester.of(spec)
     for work in works:  # before hours are spent on what cannot be written
@@ -127,21 +127,21 @@ def minimise(
         test_id = None if work.test is None else work.test.id
         try:
             with shown_driving(log, f"Minimising {work.name}", max_drives) as on_event:
-                found = minimised_of(work, on_event)
-            document = minimised_document(found, tester, test_id)
+                minimised = minimised_of(work, on_event)
+            document = minimised_document(minimised, tester, test_id)
             with log.status(f"Drawing {work.name}"):
-                write_minimised(found, work.files, document, name=work.name)
+                write_minimised(minimised, work.files, document, name=work.name)
         except FreneticError as error:
             if len(works) == 1 or isinstance(error, CampaignGoneError):
                 raise
             complain(f"{work.name}: {error}")
             failed = True
             continue
-        is_interrupted = found.stop_reason == "stopped" and found.error is None
+        is_interrupted = minimised.stop_reason == "stopped" and minimised.error is None
         if as_json:
-            documents.append(_as_json(work, found))
+            documents.append(_as_json(work, minimised))
         else:
-            _print(work, found)
+            _print(work, minimised)
     if as_json:
         echo(json.dumps(documents))
     if is_interrupted and left:
@@ -158,7 +158,7 @@ def minimise(
 
 
 def _of_campaign(
-    given: Given,
+    options: CommandOptions,
     folder: Path,
     test_ids: tuple[int, ...],
     top: int | None,
@@ -172,7 +172,7 @@ def _of_campaign(
     if out is not None and (len(test_ids) > 1 or (top or 1) > 1):
         raise click.UsageError("--out is for one road: leave it out where there are several")
     with CampaignStore.open(folder) as store:
-        spec, place = campaign_spec(store, given)
+        spec, place = campaign_spec(store, options)
         chosen = chosen_tests(store, test_ids, top if test_ids else top or 1)
         works = []
         for record in [store.test(test_id) for test_id in chosen or ()]:
@@ -181,9 +181,9 @@ def _of_campaign(
                     f"test {record.id} is {record.outcome}: only a failing road can be minimised"
                 )
             road = minimised_road(folder, record.id)
-            if given:
+            if options:
                 road = road.with_stem(f"{road.stem}-other")
-            left = without(record.candidate.conditions, *given.quantities(spec))
+            left = without(record.candidate.conditions, *options.quantities(spec))
             test = replace(record, candidate=replace(record.candidate, conditions=left))
             files = MinimisedFiles.beside(out or road)
             works.append(Work(f"Test {record.id}", record.road, files, test))
@@ -192,13 +192,15 @@ def _of_campaign(
     return spec, place, works
 
 
-def _of_file(given: Given, path: Path, out: Path | None) -> tuple[Spec, Path, list[Work]]:
+def _of_file(
+    options: CommandOptions, path: Path, out: Path | None
+) -> tuple[Spec, Path, list[Work]]:
     """The same for a road file and the options given with it."""
     from frenetic.report.minimised import MinimisedFiles
     from frenetic.road.files import read_road
 
     file = read_road(path)
-    (spec, folder), road = file_spec(given, file), file.road()
+    (spec, folder), road = file_spec(options, file), file.road()
     target = out or path.with_name(f"{path.name.removesuffix('.json')}.min.json")
     if target.exists() and target.samefile(path):
         raise click.UsageError(f"{target} is the road itself: choose another place with --out")

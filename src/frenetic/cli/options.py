@@ -119,8 +119,8 @@ def ranges(example: str, *, values: bool = True) -> Read:
         values: whether NAME=VALUE is one.
     """
 
-    def read(given: str) -> AskedRange:
-        name, equals, text = given.partition("=")
+    def read(value: str) -> AskedRange:
+        name, equals, text = value.partition("=")
         if not equals:
             return AskedRange(name.strip(), None)
         low, colon, high = text.partition(":")
@@ -129,7 +129,7 @@ def ranges(example: str, *, values: bool = True) -> Read:
         except ValueError:
             limits = math.nan, math.nan
         if not all(map(math.isfinite, limits)):
-            raise ValueError(f"{given!r} is not NAME=LOW:HIGH, as in {example}")
+            raise ValueError(f"{value!r} is not NAME=LOW:HIGH, as in {example}")
         return AskedRange(name.strip(), limits)
 
     return Read("name=low:high", read)

@@ -13,7 +13,7 @@ import click
 from frenetic._support.words import counted, oob_unit
 from frenetic.cli import echo
 from frenetic.cli.console import Log, print_table, shell, two_digits
-from frenetic.cli.entries import Given, part_options, trust_option
+from frenetic.cli.entries import CommandOptions, part_options, trust_option
 from frenetic.cli.options import (
     AskedRange,
     NewFile,
@@ -48,8 +48,8 @@ def variation(asked: AskedRange, tester: RoadTester) -> Variation:
     from frenetic.rerun.variations import Variation
 
     if asked.limits is None:
-        own = tester.terms.conditions.get(asked.name)
-        return Variation.usual(asked.name, tester.simulator, own)
+        amount = tester.terms.conditions.get(asked.name)
+        return Variation.usual(asked.name, tester.simulator, amount)
     return Variation(asked.name, *asked.limits)
 
 
@@ -116,44 +116,44 @@ def rerun(
 
     if everything and (test_ids or top is not None):
         raise click.UsageError("--all excludes --top and the ID of a test")
-    given = Given.of(context)
+    options = CommandOptions.of(context)
     times = times or (VARIED_TIMES if asked else 1)
     with CampaignStore.open(campaign) as store:
         chosen = _driven_tests(store) if everything else chosen_tests(store, test_ids, top)
-        spec, folder = campaign_spec(store, given)
+        spec, folder = campaign_spec(store, options)
         with chdir(folder):
             tester = campaign_tester(store, spec)
-    variations = [variation(one, tester) for one in asked]
+    variations = [variation(range_, tester) for range_ in asked]
     log = Log()
     with shown_driving(log, "Driving again") as on_event:
-        found = rerun_with(
+        result = rerun_with(
             campaign,
             tester,
             tests=chosen,
             times=times,
             vary=variations,
-            instead=given.quantities(spec),
+            instead=options.quantities(spec),
             workers=workers,
             isolate=True,
             out=out,
             on_event=on_event,
         )
-    if junit is not None and not found.missing:
-        write_junit(found, junit)
+    if junit is not None and not result.missing:
+        write_junit(result, junit)
     if as_json:
-        echo(json.dumps(found.as_json()))
-    elif not found.planned:
+        echo(json.dumps(result.as_json()))
+    elif not result.planned:
         echo(f"{campaign} holds no {'driven road' if everything else 'failure'}")
     else:
-        is_as_before = not asked and not given
-        _print(found, times, is_as_before=is_as_before, with_rows=bool(test_ids))
+        is_as_before = not asked and not options
+        _print(result, times, is_as_before=is_as_before, with_rows=bool(test_ids))
         see = f"to see it: frenetic report {shell(campaign)}"
-        echo(f"Kept in {found.folder}; {see if out is None else 'the same command shows it'}")
-    if found.missing:
-        left = counted(found.missing, "drive")
+        echo(f"Kept in {result.folder}; {see if out is None else 'the same command shows it'}")
+    if result.missing:
+        left = counted(result.missing, "drive")
         raise interrupted(log, f"{left} to go")
-    is_judged = any(test.judged for test in found.tests)
-    if found.tests and (not is_judged or (fail_on_failure and not found.passed)):
+    is_judged = any(test.judged for test in result.tests)
+    if result.tests and (not is_judged or (fail_on_failure and not result.passed)):
         raise click.exceptions.Exit(1)
 
 
@@ -161,25 +161,25 @@ def _driven_tests(store: CampaignStore) -> list[int]:
     return [test.id for test in store.tests(with_repeats=False) if test.outcome.is_driven]
 
 
-def _print(found: Rerun, times: int, *, is_as_before: bool, with_rows: bool) -> None:
+def _print(result: Rerun, times: int, *, is_as_before: bool, with_rows: bool) -> None:
     from frenetic.analysis.clusters import LISTED
     from frenetic.rerun.stability import Stability, matches_text
 
-    tests, drives = found.tests, found.drives
+    tests, drives = result.tests, result.drives
     varied = [
         str(one)
         if all(test.variations[i] == one for test in tests)
         else f"{one.quantity} around each test's own"
-        for i, one in enumerate(found.variations)
+        for i, one in enumerate(result.variations)
     ]
-    what = ", ".join(varied) or ("in the same conditions" if times > 1 else "")
-    said = f"{counted(times, 'drive')} of each{', ' if what else ''}{what}"
+    conditions_text = ", ".join(varied) or ("in the same conditions" if times > 1 else "")
+    plan = f"{counted(times, 'drive')} of each{', ' if conditions_text else ''}{conditions_text}"
     failed, judged = (sum(getattr(test, n) for test in tests) for n in ("failed", "judged"))
     matches = matches_text(drives)
     shares = f"{failed} of {judged} drives fail{f' ({matches})' if matches else ''}"
     echo(
-        f"{counted(len(tests), 'test')}, {'up to ' if found.missing else ''}{said}:"
-        f" {shares if times > 1 else found or 'none was finished'}"
+        f"{counted(len(tests), 'test')}, {'up to ' if result.missing else ''}{plan}:"
+        f" {shares if times > 1 else result or 'none was finished'}"
     )
     kinds = Counter(test.stability for test in tests)
     if any(kinds[kind] for kind in Stability):
@@ -188,15 +188,15 @@ def _print(found: Rerun, times: int, *, is_as_before: bool, with_rows: bool) -> 
     for name, number in Counter(influences).most_common():
         echo(f"{name} matters in {number} of {len(tests)}")
     if is_as_before:
-        echo(f"{found.same} of {counted(len(drives), 'drive')} ended exactly as before")
+        echo(f"{result.same} of {counted(len(drives), 'drive')} ended exactly as before")
     if troubles := [drive.reason for drive in drives if not drive.outcome.is_driven]:
         echo(f"{counted(len(troubles), 'drive')} could not be judged, the first one: {troubles[0]}")
     if not with_rows and len(tests) > LISTED:
         echo(f"Test by test: name the IDs, or --top {LISTED}")
         return
-    how = [">fails", ">same failure", ">95 % interval", "it is", "what matters"]
+    headings = [">fails", ">same failure", ">95 % interval", "it is", "what matters"]
     if times == 1:
-        how = [">now (m)", "it", "how", "what happened now"]
+        headings = [">now (m)", "it", "how", "what happened now"]
     conditions = [in_words(test.conditions) or None for test in tests]
     rows = [
         (
@@ -207,9 +207,9 @@ def _print(found: Rerun, times: int, *, is_as_before: bool, with_rows: bool) -> 
         )
         for test, text in zip(tests, conditions, strict=True)
     ]
-    told = ["conditions"] if any(conditions) else []
+    more_headings = ["conditions"] if any(conditions) else []
     moobd = f">MOOBD ({oob_unit(tests[0].recorded.road.lane_width)})" if tests else ">MOOBD (m)"
-    print_table((">test", moobd, *how, *told), rows)
+    print_table((">test", moobd, *headings, *more_headings), rows)
 
 
 def _changed(test: Repeats) -> tuple[object, ...]:

@@ -12,7 +12,7 @@ import click
 
 from frenetic.cli import Invocation
 from frenetic.cli.console import Log, announced_compilation, counted_progress, this_command
-from frenetic.cli.entries import Given, Source, without_place
+from frenetic.cli.entries import CommandOptions, PartsSource, without_place
 from frenetic.cli.options import as_usage_error
 from frenetic.errors import CampaignError
 from frenetic.spec import DRIVEN, Signed, Spec, sign_driven
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from frenetic.road.files import RoadFile
 
 
-def campaign_source(store: CampaignStore) -> Source:
+def campaign_source(store: CampaignStore) -> PartsSource:
     """A campaign as a source of parts."""
     from frenetic.campaign.reader import SIGNATURE, SOURCES, STARTED_IN
     from frenetic.campaign.status import signed_spec
@@ -38,10 +38,12 @@ def campaign_source(store: CampaignStore) -> Source:
         except CampaignError as error:
             Log().print(f"Note: --trust holds for this command only: {error}", markup=False)
 
-    return Source(store.folder, signed_spec(store), sources=store.fact(SOURCES), sign=sign)
+    return PartsSource(store.folder, signed_spec(store), sources=store.fact(SOURCES), sign=sign)
 
 
-def campaign_spec(store: CampaignStore, given: Given, *, checked: bool = True) -> tuple[Spec, Path]:
+def campaign_spec(
+    store: CampaignStore, options: CommandOptions, *, checked: bool = True
+) -> tuple[Spec, Path]:
     """The spec of a campaign, with replacements from the command line, and its parts' folder.
 
     Args:
@@ -58,24 +60,26 @@ def campaign_spec(store: CampaignStore, given: Given, *, checked: bool = True) -
     from frenetic.campaign.configuration import SPEC
     from frenetic.campaign.status import is_told
 
-    if given.says("roads"):
+    if options.says("roads"):
         raise click.UsageError("--roads is for a ROAD file: a campaign has its own road class")
     source, folder = campaign_source(store), Path.cwd()
-    spec = given.over(source.spec)
+    spec = options.over(source.spec)
     if checked:
-        spec, folder = given.trusted(spec, source)
+        spec, folder = options.trusted(spec, source)
     if store.config.get(SPEC) is None and None in (spec.driver, spec.simulator):
-        how, elsewhere = "was started from Python", ", or do it from Python"
+        origin, elsewhere = "was started from Python", ", or do it from Python"
         if is_told(store.config):
-            how, elsewhere = "was told its results", ""
+            origin, elsewhere = "was told its results", ""
         raise CampaignError(
-            f"{store.folder} {how}, so its driver and simulator have no names: give --driver and"
+            f"{store.folder} {origin}, so its driver and simulator have no names: give --driver and"
             f" --simulator{elsewhere}"
         )
     return spec, folder
 
 
-def file_spec(given: Given, file: RoadFile, *, checked: bool = True) -> tuple[Spec, Path]:
+def file_spec(
+    options: CommandOptions, file: RoadFile, *, checked: bool = True
+) -> tuple[Spec, Path]:
     """The spec with which a road's file was driven, likewise.
 
     Files that do not say it are driven as the options and their defaults say.
@@ -91,10 +95,10 @@ def file_spec(given: Given, file: RoadFile, *, checked: bool = True) -> tuple[Sp
     spec, source = Spec(), None
     if has_driven := DRIVEN in file.entries:
         recorded = Spec.of_driven(file.entries[DRIVEN], source=file.path)
-        source = Source(file.path, recorded, sign=partial(sign_driven, file.path))
+        source = PartsSource(file.path, recorded, sign=partial(sign_driven, file.path))
         spec = without_place(recorded)  # which program is started, no file says
-    spec = given.over(spec, has_roads=has_driven)
-    return given.trusted(spec, source) if checked else (spec, Path.cwd())
+    spec = options.over(spec, has_roads=has_driven)
+    return options.trusted(spec, source) if checked else (spec, Path.cwd())
 
 
 def chosen_tests(
@@ -116,7 +120,7 @@ def chosen_tests(
 
 @contextmanager
 def shown_driving(
-    log: Log, what: str, total: int | None = None
+    log: Log, work: str, total: int | None = None
 ) -> Iterator[Callable[[Event], None]]:
     """Gives the function that shows the events of campaigns that drive again.
 
@@ -129,7 +133,7 @@ def shown_driving(
 
     with (
         announced_compilation(log) as compiled,
-        counted_progress(log, what) as show,
+        counted_progress(log, work) as show,
         as_usage_error(),
     ):
 
@@ -151,10 +155,10 @@ def shown_driving(
         yield on_event
 
 
-def interrupted(log: Log, what: str, command: Invocation | None = None) -> click.exceptions.Exit:
+def interrupted(log: Log, rest: str, command: Invocation | None = None) -> click.exceptions.Exit:
     """Print what is left to do, and which command goes on, by default the same; end this one."""
     goes_on = f"the same command goes on: {this_command()}"
     if command is not None:
         goes_on = f"go on: {command}"
-    log.print(f"Interrupted: {what}; {goes_on}", markup=False)
+    log.print(f"Interrupted: {rest}; {goes_on}", markup=False)
     return click.exceptions.Exit(130)

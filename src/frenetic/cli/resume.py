@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from contextlib import chdir
 from pathlib import Path
 from typing import Any
@@ -11,7 +12,14 @@ from msgspec import structs
 
 from frenetic._support.words import counted
 from frenetic.cli.console import shell
-from frenetic.cli.entries import Given, Source, entry_option, moved, place_option, trust_option
+from frenetic.cli.entries import (
+    CommandOptions,
+    PartsSource,
+    entry_option,
+    moved,
+    place_option,
+    trust_option,
+)
 from frenetic.cli.options import (
     DURATION,
     as_usage_error,
@@ -24,7 +32,6 @@ from frenetic.errors import CampaignError
 from frenetic.parts.registry import SIMULATORS
 from frenetic.parts.trust import is_here
 from frenetic.spec import Budget, Spec
-from frenetic.spec.part_record import PARTS
 
 
 @click.command()
@@ -50,64 +57,43 @@ def resume(
 ) -> None:
     """Resume the CAMPAIGN in a folder after Ctrl-C, a crash, or the end of its budget.
 
-    Its log is replayed to a fresh strategy, so an interrupted campaign ends as if it had never been
-    interrupted: exactly so if its budget counts simulations or failures. A part that was changed
-    since, such as a driver's source, a module that it imports or a file that is its argument, is
-    refused. A campaign that was killed between its last result and its report gets what is missing.
-    A given budget is added to what is spent. If BeamNG.tech has moved, give its new place with
-    --simulator, which holds for this time.
+    The campaign's log is replayed to a fresh strategy. So an interrupted campaign ends as if it had
+    never been interrupted, exactly so if its budget counts simulations or failures. The command
+    refuses parts that were edited since: a driver's source, a module that it imports, a file that
+    is its argument. A campaign that was killed between its last result and its report gets what is
+    missing. --simulations, --time and --failures add to what is spent. If BeamNG.tech has moved,
+    give its new place with --simulator, which holds for this command only.
     """
     from frenetic.campaign import CampaignStore
-    from frenetic.campaign.configuration import SPEC, decode_budget, owner_of
-    from frenetic.campaign.status import has_judged, is_told, next_campaign
-    from frenetic.parts.versions import edited_files
+    from frenetic.campaign.configuration import SPEC
+    from frenetic.campaign.status import has_judged
     from frenetic.report import results
 
     with CampaignStore.open(campaign) as store:
         config, facts, counts = store.config, store.facts, store.counts()
-        spent, has_drives = store.elapsed(), has_judged(store)
+        seconds_spent, has_drives = store.elapsed(), has_judged(store)
         source = None if config.get(SPEC) is None else campaign_source(store)
-    if owner := owner_of(config):
-        raise click.UsageError(f"{campaign} {owner.summary}: {owner.advice}")
-    if is_told(config):
-        raise click.UsageError(
-            f"{campaign} is told its results: 'frenetic ask-tell --out {shell(campaign)}' goes on"
-        )
-    if source is None:
-        raise click.UsageError(
-            f"{campaign} was started from Python: resume it there, with Campaign.resume()"
-        )
-    given = {"simulations": simulations, "time": seconds, "failures": failures}
-    done: dict[str, Any] = {
+    source = _require_search(campaign, config, source)
+    more = {"simulations": simulations, "time": seconds, "failures": failures}
+    spent = {
         "simulations": counts.simulations,
-        "time": spent,
+        "time": seconds_spent,
         "failures": counts.failed,
     }
     with as_usage_error():
-        for name, more in given.items():
-            if more is not None and more <= 0:
-                raise ValueError(f"{name} is {more}: more than 0 is needed")
-        spec = source.spec
-        if any(more is not None for more in given.values()):
-            limits = {k: None if v is None else done[k] + v for k, v in given.items()}
-            spec = spec.with_budget(Budget(**limits))
-        elif "budget" in facts:
-            spec = spec.with_budget(decode_budget(facts["budget"]))
+        spec = _with_more_budget(source.spec, more, spent, facts)
         spec, folder = _trusted(spec, simulator, source, is_trusted=is_trusted)
         place = Path.cwd()
         with chdir(folder):
-            names = [*(spec.part(kind).name for kind in PARTS), spec.named_objective]
-            if edited := " and ".join(edited_files(names, source.sources)):
-                how = {"has_drives": has_drives, "names_parts": is_here(place)}
-                new = next_campaign(spec, campaign, **how)
-                raise CampaignError(
-                    f"{edited} was edited, and {campaign} tests it as it was: restore it, or {new}"
-                )
+            names_parts = is_here(place)
+            _refuse_edited_parts(
+                spec, source, campaign, has_drives=has_drives, names_parts=names_parts
+            )
             if SIMULATORS.is_own(spec.part("simulator").name):
                 spec = moved(spec, simulator)
         assert spec.budget is not None
-        budget = spec.budget
-        is_spent = budget.spent(done["simulations"], spent, done["failures"]) >= 1.0
+        share = spec.budget.spent(counts.simulations, seconds_spent, counts.failed)
+        is_spent = share >= 1.0
         if is_spent and is_finished(campaign, facts):
             raise ValueError(
                 f"the budget of {campaign} is spent: say how much more, with --simulations,"
@@ -122,20 +108,105 @@ def resume(
     search(the_campaign, results.resume, text, as_json, spec.seed, fail_on_failure=fail_on_failure)
 
 
-def _trusted(
-    spec: Spec, simulator: Spec | None, source: Source, *, is_trusted: bool
-) -> tuple[Spec, Path]:
-    """The spec with its simulator where that is now, and its folder, see `Given.trusted`.
+def _require_search(
+    campaign: Path, config: Mapping[str, object], source: PartsSource | None
+) -> PartsSource:
+    """Return the source of a campaign's parts, if ``frenetic resume`` can go on with the campaign.
+
+    Raises:
+        click.UsageError: another command or program goes on with the campaign.
+    """
+    from frenetic.campaign.configuration import owner_of
+    from frenetic.campaign.status import is_told
+
+    if owner := owner_of(config):
+        raise click.UsageError(f"{campaign} {owner.summary}: {owner.advice}")
+    if is_told(config):
+        raise click.UsageError(
+            f"{campaign} gets its results from another program: 'frenetic ask-tell --out"
+            f" {shell(campaign)}' goes on with it"
+        )
+    if source is None:
+        raise click.UsageError(
+            f"{campaign} was started from Python: resume it there, with Campaign.resume()"
+        )
+    return source
+
+
+def _with_more_budget(
+    spec: Spec,
+    more: Mapping[str, float | None],
+    spent: Mapping[str, float],
+    facts: Mapping[str, Any],
+) -> Spec:
+    """Return a campaign's spec with its present budget, to which options add.
 
     Args:
-        spec: of the campaign.
-        simulator: says where that is now, which names it, too.
-        source: the campaign.
-        is_trusted: whether the command trusts it.
+        spec: the campaign's spec.
+        more: name of a limit -> amount that an option adds; None without the option.
+        spent: name of a limit -> amount that is spent.
+        facts: the campaign's facts.
+
+    Raises:
+        ValueError: an added amount is not positive.
+    """
+    from frenetic.campaign.configuration import decode_budget
+
+    for name, amount in more.items():
+        if amount is not None and amount <= 0:
+            raise ValueError(f"{name} is {amount}: more than 0 is needed")
+    if any(amount is not None for amount in more.values()):
+        limits: dict[str, Any] = {
+            name: None if amount is None else spent[name] + amount for name, amount in more.items()
+        }
+        return spec.with_budget(Budget(**limits))
+    if "budget" in facts:
+        return spec.with_budget(decode_budget(facts["budget"]))
+    return spec
+
+
+def _refuse_edited_parts(
+    spec: Spec, source: PartsSource, campaign: Path, *, has_drives: bool, names_parts: bool
+) -> None:
+    """Refuse a campaign whose parts were edited after it began; call it in the parts' folder.
+
+    Args:
+        spec: the campaign's spec.
+        source: the campaign as a source of parts.
+        campaign: folder of the campaign.
+        has_drives: whether the campaign has judged drives.
+        names_parts: whether the advice names the parts, see `next_campaign`.
+
+    Raises:
+        CampaignError: a file of a part was edited.
+    """
+    from frenetic.campaign.status import next_campaign
+    from frenetic.parts.versions import edited_files
+
+    names = [*(spec.part(kind).name for kind in PARTS), spec.named_objective]
+    if edited := " and ".join(edited_files(names, source.sources)):
+        new = next_campaign(spec, campaign, has_drives=has_drives, names_parts=names_parts)
+        raise CampaignError(
+            f"{edited} was edited, and {campaign} tests it as it was: restore it, or {new}"
+        )
+
+
+def _trusted(
+    spec: Spec, simulator: Spec | None, source: PartsSource, *, is_trusted: bool
+) -> tuple[Spec, Path]:
+    """Return the spec with its simulator where that is now, and the folder of the parts.
+
+    See `CommandOptions.trusted`.
+
+    Args:
+        spec: the campaign's spec.
+        simulator: place of the simulator now, from ``--simulator``.
+        source: the campaign as a source of parts.
+        is_trusted: whether the command says ``--trust``.
     """
     name = spec.part("simulator").name
     named = Spec() if simulator is None else Spec.of({"simulator": name}, simulator)
-    given = Given(named, is_trusted=is_trusted, kinds=("simulator",))
-    # Where a user's own simulator can be, only its class says, which is loaded afterwards.
-    made = spec if SIMULATORS.is_own(name) else moved(spec, simulator)
-    return given.trusted(made, source, left_out=("workers",))
+    options = CommandOptions(named, is_trusted=is_trusted, kinds=("simulator",))
+    # Only the class of a user's own simulator says where it can be, and it is loaded afterwards.
+    placed = spec if SIMULATORS.is_own(name) else moved(spec, simulator)
+    return options.trusted(placed, source, left_out=("workers",))

@@ -10,7 +10,13 @@ from typing import Any, Final
 import click
 
 from frenetic.cli.console import limit_of_search
-from frenetic.cli.entries import Given, Source, entry_options, part_options, trust_option
+from frenetic.cli.entries import (
+    CommandOptions,
+    PartsSource,
+    entry_options,
+    part_options,
+    trust_option,
+)
 from frenetic.cli.options import folder_option, json_option
 from frenetic.cli.search import fail_on_failure_option, make_campaign, search
 from frenetic.conditions.condition import in_words
@@ -51,12 +57,12 @@ def run(
     from frenetic.campaign import new_folder
     from frenetic.report import results
 
-    given, spec = Given.of(context), Spec()
+    options, spec = CommandOptions.of(context), Spec()
     if file is not None:
         spec = Spec.read(file)
-    source = None if file is None else Source(file, spec)
-    spec, folder = given.trusted(given.over(spec, has_roads=False), source, left_out=())
-    given.check_drawn(spec)
+    source = None if file is None else PartsSource(file, spec)
+    spec, folder = options.trusted(options.over(spec, has_roads=False), source, left_out=())
+    options.check_drawn(spec)
     if not is_here(folder):
         spec = spec.with_roads_from(Path.cwd())
     with chdir(folder):

@@ -66,9 +66,9 @@ def is_finished(folder: Path, facts: Mapping[str, object]) -> bool:
 
 def _resume_words(folder: Path) -> str:
     """The command line that goes on with what the present one began."""
-    said: Spec | None = click.get_current_context().params["workers"]
-    given = "" if said is None else f" --workers {shell(str(said.workers))}"
-    return f"frenetic resume {shell(folder)}{given}"
+    workers: Spec | None = click.get_current_context().params["workers"]
+    option = "" if workers is None else f" --workers {shell(str(workers.workers))}"
+    return f"frenetic resume {shell(folder)}{option}"
 
 
 def search(
@@ -302,8 +302,8 @@ def _print_summary(summary: Summary, times: str, worst: str, error: str, failing
         echo(summary.slow_driver)
     if failing:
         echo(failing)
-    if told := facts_in_words(summary.facts):
-        echo(f"Search:      {told}")
+    if metrics := facts_in_words(summary.facts):
+        echo(f"Search:      {metrics}")
     if error:
         echo(f"The first error: {error}")
     if summary.ended:

@@ -139,7 +139,7 @@ def _list_tests(
     from frenetic.analysis.features import FEATURES
     from frenetic.analysis.listing import ORDERS, list_tests
 
-    within = {one.name: one.limits or (-math.inf, math.inf) for one in features}
+    within = {asked.name: asked.limits or (-math.inf, math.inf) for asked in features}
     with as_usage_error():
         tests = list_tests(store, outcomes=outcomes, within=within, sort=sort)
     listed = tests[:limit]
@@ -188,8 +188,8 @@ def _list_tests(
     )
     shown = f"; the first {len(listed)} are listed" if len(listed) < len(tests) else ""
     match = "matches" if len(tests) == 1 else "match"
-    told = sum(store.by_outcome().values())
-    echo(f"{len(tests)} of {counted(told, 'result')} {match}{shown}")
+    results = sum(store.by_outcome().values())
+    echo(f"{len(tests)} of {counted(results, 'result')} {match}{shown}")
 
 
 def _finite(value: float | None) -> float | None:
@@ -214,7 +214,7 @@ def _show_campaign(store: CampaignStore, as_json: bool) -> None:
     counts, setting = store.counts(), store.setting
     config, facts = store.config, store.facts
     clusters = distinct_failures(store)
-    found = clusters if counts.failed else nearest_misses(store)
+    listed_clusters = clusters if counts.failed else nearest_misses(store)
     shortened = minimised_drives(store, [cause.example for cause in clusters.causes])
     coverage = domain_coverage(setting, store.tests())
     if as_json:
@@ -223,7 +223,7 @@ def _show_campaign(store: CampaignStore, as_json: bool) -> None:
             **counts.counts_json(),
             "causes": causes_json(clusters, shortened),
             "distinct_failures": clusters_json(clusters),
-            "near_misses": [] if counts.failed else clusters_json(found),
+            "near_misses": [] if counts.failed else clusters_json(listed_clusters),
             "coverage": None if coverage is None else coverage.as_json(),
             "facts": dict(facts),
             "config": dict(config),
@@ -264,13 +264,13 @@ def _show_campaign(store: CampaignStore, as_json: bool) -> None:
     if counts.failed:
         print_causes(clusters, counts, shortened)
         echo()
-    print_failures(found, counts, min(LISTED, len(found)), setting.lane_width)
+    print_failures(listed_clusters, counts, min(LISTED, len(listed_clusters)), setting.lane_width)
     if coverage is not None:
         echo(f"\nCells of {coverage.name}: failures/drives, and what was never reached")
         print_facts(list(_coverage(coverage)))
-    if found:
-        one = clusters.causes[0].example if counts.failed else found[0].most_severe
-        echo(f"One in full: frenetic show {shell(store.folder)} {one}")
+    if listed_clusters:
+        example = clusters.causes[0].example if counts.failed else listed_clusters[0].most_severe
+        echo(f"One in full: frenetic show {shell(store.folder)} {example}")
 
 
 def _budget(store: CampaignStore) -> str:
@@ -312,13 +312,13 @@ def _conditions(store: CampaignStore) -> Mapping[str, float]:
 
 def _coverage(coverage: DomainCoverage) -> Iterator[tuple[str, str]]:
     """What of a domain was driven: a line an axis."""
-    for one in coverage.singles:
-        (axis,) = one.axes
-        cells = (
+    for cells in coverage.singles:
+        (axis,) = cells.axes
+        texts = (
             f"{axis.text(i)}: {f'{failures}/{drives}' if drives else 'never'}"
-            for i, (drives, failures) in enumerate(zip(one.drives, one.failures, strict=True))
+            for i, (drives, failures) in enumerate(zip(cells.drives, cells.failures, strict=True))
         )
-        yield f"{axis.title}{f' ({axis.unit})' if axis.unit else ''}", ", ".join(cells)
+        yield f"{axis.title}{f' ({axis.unit})' if axis.unit else ''}", ", ".join(texts)
     yield "together", coverage.in_words()
     for i, gap in enumerate(coverage.gaps[:LISTED_GAPS]):
         yield "" if i else "never reached", f"{gap.in_words()}, {gap.likelihood}"

@@ -30,18 +30,18 @@ FAILURES: Final = "failures"
 PICTURES: Final = "pictures"
 """Folder in a campaign's folder for pictures of tests that did not fail."""
 GALLERY: Final = "gallery.png"
-"""Picture in that folder of all listed failures at a glance."""
+"""Name of the picture of all listed failures at a glance, in `FAILURES`."""
 MOST_FILES: Final = 1000
 """Most failing roads with their own file, the most severe first; the database holds all."""
 
 
 def file_stem(candidate_id: int) -> str:
-    """Name, without suffix, of a test's files."""
+    """Return the name of a test's files, without suffix."""
     return f"test-{candidate_id:05d}"
 
 
 def verdict_entries(result: Result) -> dict[str, Any]:
-    """The entries of a road's document that say how it was driven."""
+    """Return the entries of a road's document that say how it was driven."""
     place = result.departure
     return {
         "test_outcome": str(result.outcome),
@@ -55,19 +55,19 @@ def verdict_entries(result: Result) -> dict[str, Any]:
 
 
 def road_entries(road: Road) -> dict[str, Any]:
-    """The entries of a road's document that say what it is."""
+    """Return the entries of a road's document that describe the road."""
     return entries_of(road) | {"road_points": road.road_points.round(6).tolist()}
 
 
 def road_document(
     record: Test, config: Mapping[str, JSONValue], spec: Spec | None
 ) -> dict[str, Any]:
-    """A test as a JSON object that `frenetic drive` and the competition's tools can read.
+    """Return a test as JSON for `frenetic drive` and the competition's tools.
 
     Args:
         record: the test.
-        config: of its campaign.
-        spec: that of `frenetic.campaign.status.signed_driving`.
+        config: configuration of the campaign.
+        spec: the spec from `frenetic.campaign.status.signed_driving`.
     """
     candidate, road = record.candidate, record.road
     return {
@@ -93,13 +93,13 @@ def write_failures(
     listed: Sequence[Test],
     shortened: Mapping[int, Test] = MappingProxyType({}),
 ) -> None:
-    """Writes failing roads as JSON files, and a picture of the listed ones at a glance.
+    """Write failing roads as JSON files, and draw the listed failures at a glance.
 
     Args:
         store: the campaign.
-        failures: its failures, of which the first `MOST_FILES` get a file.
-        listed: those with a place in the gallery; where nothing failed, the near misses.
-        shortened: the drives on the minimised roads of some of them, which the gallery shows.
+        failures: the campaign's failures, of which the first `MOST_FILES` get a file.
+        listed: failures in the gallery, or near misses if nothing failed.
+        shortened: test id -> drive on the minimised road, which the gallery shows instead.
 
     Raises:
         CampaignError: a file cannot be written.
@@ -134,7 +134,7 @@ def write_failures(
 
 
 def _holds(path: Path, text: str) -> bool:
-    """Whether a file is there and has this text."""
+    """Return whether a file exists and has this text."""
     try:
         return path.read_text(encoding="utf-8") == text
     except (OSError, ValueError):

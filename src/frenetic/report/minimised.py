@@ -24,24 +24,24 @@ _REMEDY: Final = "choose another place"
 
 
 def minimised_road(folder: Path, test_id: int) -> Path:
-    """The file of a campaign's test that was minimised with the campaign's own parts."""
+    """Return the file of a test's road that was minimised with the campaign's own parts."""
     return folder / MINIMISED / f"{file_stem(test_id)}.json"
 
 
 def minimised_drives(store: CampaignStore, test_ids: Iterable[int]) -> dict[int, Test]:
-    """The drives on the minimised roads of those tests of a campaign that were minimised."""
-    found = {}
+    """Return test id -> drive on the minimised road, for the tests that were minimised."""
+    drives = {}
     for test_id in test_ids:
         try:
-            told = read_road(minimised_road(store.folder, test_id)).entries["minimised"]
-            folder, number = told["campaign"], told["test"]
-            if not str(folder).isalnum():  # it is the name of a folder, not a path to anywhere
+            record = read_road(minimised_road(store.folder, test_id)).entries["minimised"]
+            folder, number = record["campaign"], record["test"]
+            if not str(folder).isalnum():  # a folder's name, not a path to anywhere
                 continue
-            with CampaignStore.open(store.folder / FOLDER / folder) as again:
-                found[test_id] = again.test(number)
-        except (FreneticError, OSError, LookupError, TypeError, ValueError):  # none of ours
+            with CampaignStore.open(store.folder / FOLDER / folder) as campaign:
+                drives[test_id] = campaign.test(number)
+        except (FreneticError, OSError, LookupError, TypeError, ValueError):  # not our file
             continue
-    return found
+    return drives
 
 
 @dataclass(frozen=True)
@@ -49,23 +49,23 @@ class MinimisedFiles:
     """Paths of a minimised road's files."""
 
     road: Path
-    """JSON for `frenetic drive`."""
+    """Path of the JSON for `frenetic drive`."""
     picture: Path
-    """Picture of the drive on it."""
+    """Path of the picture of the drive on the minimised road."""
     comparison: Path
-    """Picture of the drives on the original and on it, side by side."""
+    """Path of the picture with the drives before and after, side by side."""
 
     @classmethod
     def beside(cls, road: Path) -> MinimisedFiles:
-        """The pictures beside a road file, named after it."""
+        """Return the paths of a road file and of the pictures beside it."""
         name = road.name.removesuffix(".json")
         return cls(road, road.with_name(f"{name}.png"), road.with_name(f"{name}-before-after.png"))
 
     def prepare(self) -> None:
-        """Makes their folder, and makes sure that they can be written.
+        """Make the files' folder, and check that the files can be written.
 
         Raises:
-            FreneticError: it cannot be made, or a file not be written.
+            FreneticError: the folder cannot be made, or a file cannot be written.
         """
         folder = self.road.parent
         try:
@@ -81,12 +81,12 @@ class MinimisedFiles:
 def minimised_document(
     minimised: Minimised, tester: RoadTester, test_id: int | None = None
 ) -> dict[str, Any]:
-    """A minimised road as a JSON object that `frenetic drive` and the competition's tools can read.
+    """Return a minimised road as JSON for `frenetic drive` and the competition's tools.
 
     Args:
         minimised: the road.
-        tester: drove it.
-        test_id: of the campaign's test that was minimised, if it was one.
+        tester: the tester that drove it.
+        test_id: id of the campaign's test; None for a road from a file.
     """
     smallest, setting = minimised.smallest, minimised.smallest.setting
     assert setting is not None
@@ -127,14 +127,14 @@ def write_minimised(
     name: str,
     is_compared: bool = True,
 ) -> None:
-    """Writes the road file and draws the two pictures.
+    """Write the road file, and draw the two pictures.
 
     Args:
         minimised: the road.
-        files: their paths; existing files are replaced.
+        files: paths of the files; existing files are replaced.
         document: contents of the road file, see `minimised_document`.
         name: name of the original in the pictures.
-        is_compared: whether there is the picture of before and after.
+        is_compared: whether to draw the picture of before and after.
 
     Raises:
         FreneticError: a file cannot be written.

@@ -28,7 +28,7 @@ from frenetic.road import Road
 FAILURES: Final = 6
 """Most failures of a campaign that are drawn."""
 COMPARED: Final = 500
-"""Most failures of a campaign that are told apart, the most severe first: it takes no time."""
+"""Most failures of a campaign that are compared, the most severe first: this is fast."""
 
 _DPI: Final = 144.0  # for screens with many pixels
 _PNG_COLOURS: Final = 64  # a notebook keeps all its pictures
@@ -36,7 +36,7 @@ _PNG_COLOURS: Final = 64  # a notebook keeps all its pictures
 
 @singledispatch
 def html_of(thing: object) -> str:
-    """A thing as HTML for a notebook."""
+    """Return a thing as HTML for a notebook."""
     raise TypeError(f"{type(thing).__name__} has no picture")
 
 
@@ -48,7 +48,7 @@ def _test(test: Test) -> str:
     title, picture = f"Test {test.id}: {test.outcome}", ""
     try:
         road, drive = test.road, test.drive
-    except CampaignError:  # it does not say on which terms it drove
+    except CampaignError:  # the campaign does not record its terms
         pass
     else:
         if drive is not None:
@@ -80,19 +80,19 @@ def _campaign(campaign: Campaign | CampaignStore) -> str:
 
 
 def _failures_to_show(store: CampaignStore) -> tuple[str, list[tuple[str, Road, Test]]]:
-    """A title, and the most severe distinct failures with their captions; else near misses."""
+    """Return a title and the most severe distinct failures with captions, else the near misses."""
     counts = store.counts()
-    found = distinct_failures(store, COMPARED)
+    clusters = distinct_failures(store, COMPARED)
     among = counted(counts.failures, "failure")
-    if found.failures < counts.failures:
-        among = f"the {found.failures} most severe of {among}"
-    title = f"{counted(len(found), 'distinct failure')} among {among}"
+    if clusters.failures < counts.failures:
+        among = f"the {clusters.failures} most severe of {among}"
+    title = f"{counted(len(clusters), 'distinct failure')} among {among}"
     if not counts.failed:
-        found = nearest_misses(store, FAILURES)
+        clusters = nearest_misses(store, FAILURES)
         title = capitalised(counts.broken) or "No failure"
-        title += "; the nearest misses" if found else ""
+        title += "; the nearest misses" if clusters else ""
     items = []
-    for cluster in found.clusters[:FAILURES]:
+    for cluster in clusters.clusters[:FAILURES]:
         test = store.test(cluster.most_severe)
         if test.drive is not None:
             more = f", {len(cluster) - 1} more like it" if len(cluster) > 1 else ""
@@ -122,7 +122,7 @@ def _comparison(comparison: Comparison) -> str:
 
 
 def _sheet(items: Sequence[tuple[str, Road, Test]], width: float, text: str) -> str:
-    """Drives from above, as in the report's contact sheet."""
+    """Return drives from above as an image, as in the report's contact sheet."""
     columns = min(len(items), 3)
     with mpl.rc_context(STYLE):
         rows = math.ceil(len(items) / columns)
@@ -132,7 +132,7 @@ def _sheet(items: Sequence[tuple[str, Road, Test]], width: float, text: str) -> 
 
 
 def _image(page: Paper, text: str) -> str:
-    """A figure as an image of its size on paper."""
+    """Return a figure as an image of its size on paper."""
     width = round(96.0 * page.width)
     data = base64.b64encode(encode_figure(page.figure, "png", colours=_PNG_COLOURS)).decode()
     return (

@@ -1,4 +1,4 @@
-"""Orientation of a road in pictures: the same in every one of them."""
+"""Orientation of a road, the same in all pictures."""
 
 from __future__ import annotations
 
@@ -10,22 +10,22 @@ import numpy as np
 from frenetic._support.arrays import FloatArray
 from frenetic.road import Road, profile
 
-_SPACING: Final = 4.0  # [m]
-_MOST_POINTS: Final = 2000
-_TURNS: Final = np.radians(np.arange(-90.0, 90.0))
+_SPACING: Final = 4.0  # [m], between points of an edge, ours
+_MOST_POINTS: Final = 2000  # points of an edge, ours
+_TURNS: Final = np.radians(np.arange(-90.0, 90.0))  # [rad], tried angles
 
 
 def turned(points: FloatArray, turn: float) -> FloatArray:
-    """Points, (n, 2), turned counter-clockwise by so many rad around the origin."""
+    """Turn points, (n, 2), counter-clockwise around the origin by ``turn`` rad."""
     c, s = math.cos(turn), math.sin(turn)
     result: FloatArray = points @ np.array([[c, s], [-s, c]])
     return result
 
 
 def edge_of(road: Road, spacing: float, side: float) -> FloatArray:
-    """Points of an outer edge of a road, the left one (side 1) or the right one (-1), (n, 2) in m.
+    """Return points of a road's outer edge, left (side 1) or right (side -1), (n, 2) in m.
 
-    They are about ``spacing`` m apart.
+    The points are about ``spacing`` m apart.
     """
     if not len(road.widening):
         return road.sample(spacing, side * road.lane_width)
@@ -36,15 +36,15 @@ def edge_of(road: Road, spacing: float, side: float) -> FloatArray:
 
 
 def edges_of(road: Road, spacing: float) -> FloatArray:
-    """Points of both outer edges of a road, about so many m apart, (n, 2) in m."""
+    """Return points of both outer edges of a road, about ``spacing`` m apart, (n, 2) in m."""
     return np.vstack([edge_of(road, spacing, side) for side in (1.0, -1.0)])
 
 
 def turn_of(road: Road) -> float:
-    """Angle in rad by which pictures turn a road counter-clockwise: 0 <= angle < 2 pi.
+    """Return the angle in rad by which pictures turn a road counter-clockwise, 0 <= angle < 2 pi.
 
-    The road lies as flat as it can, and its end is right of its start. This depends on the road
-    alone, so a road looks alike in all pictures, whatever their shape and whoever drove.
+    The road lies as flat as it can, and its end is right of its start. The angle depends on the
+    road alone, so a road looks alike in all pictures, whatever their shape and whoever drove.
     """
     spacing = max(_SPACING, road.length / _MOST_POINTS)
     heights = np.ptp(edges_of(road, spacing) @ np.vstack([np.sin(_TURNS), np.cos(_TURNS)]), axis=0)

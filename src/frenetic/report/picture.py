@@ -2,8 +2,7 @@
 
 A picture of a drive shows the road from above with the car's path coloured by oob distance, a
 close-up of the decisive place, and profiles along the road underneath. The file's suffix decides
-the
-format: PNG, SVG or PDF. The same road and drive give the same bytes (with the same version of
+the format: PNG, SVG or PDF. The same road and drive give the same bytes (with the same version of
 Matplotlib), and a file is written completely or not at all.
 
 Only Matplotlib's figure objects are used, never `pyplot`, so no window system is asked for and no
@@ -38,10 +37,8 @@ from frenetic.report.scene import (
     COLOURS,
     EGO_LANE,
     HIGHEST,
-    Box,
     Focus,
-    SeenDrive,
-    View,
+    JudgedDrive,
     box_of,
     draw_close_up,
     draw_colour_bar,
@@ -51,7 +48,6 @@ from frenetic.report.scene import (
     draw_scene,
     focus_of,
     look,
-    size_of,
 )
 from frenetic.report.style import (
     FAINT,
@@ -69,19 +65,21 @@ from frenetic.report.style import (
     wrapped,
     write_figure,
 )
+from frenetic.report.view import Box, View, size_of
 from frenetic.road import Road, profile
 
 MAX_SHEET: Final = 400
 """Most pictures on one contact sheet."""
 
 
-# Sizes in inches.
-_GAP: Final = 0.14
-_LOWEST: Final = 2.4  # the road seen from above
-_BETWEEN: Final = 0.2  # pictures of a sheet
-_CAPTION: Final = 0.52  # of such a picture
+# Sizes in inches, ours.
+_GAP: Final = 0.14  # between the view from above and the close-up
+_LOWEST: Final = 2.4  # least height of the view from above
+_HEADING: Final = 0.3  # above a profile along the road
+_BETWEEN: Final = 0.2  # between pictures of a sheet
+_CAPTION: Final = 0.52  # under a picture of a sheet
 
-_LINE: Final = "#48678a"  # of curvature and speed
+_LINE: Final = "#48678a"  # lines of curvature and speed
 
 
 def draw_drive(
@@ -108,18 +106,18 @@ def draw_drive(
     """
     form = form_of(path)
     with mpl.rc_context(STYLE):
-        seen = look(road, drive)
-        result = seen.result
+        judged = look(road, drive)
+        result = judged.result
         title = title or f"Drive: {result.outcome}"
-        figure = _page(road, seen, title, result.reason, COLOURS[result.outcome])
+        figure = _page(road, judged, title, result.reason, COLOURS[result.outcome])
         write_figure(figure, path, form)
 
 
 def draw_test(test: Test, path: Path | str, title: str) -> None:
-    """Write a picture of a test to ``path``: of its drive, or of its road if that is not recorded.
+    """Write a picture of a test's drive to ``path``, or of its road if no drive is recorded.
 
     Raises:
-        FreneticError: see `draw_drive`.
+        FreneticError: another suffix, or a file that cannot be written.
     """
     if test.drive is not None:
         draw_drive(test.road, test, path, title=title)
@@ -142,7 +140,7 @@ def draw_road(
         path: where the picture goes; an existing file is replaced.
         title: headline; "Road" if None.
         reason: a sentence below it, such as why the road was refused.
-        outcome: of which this is the reason.
+        outcome: outcome of the test, for the colour.
 
     Raises:
         FreneticError: another suffix, or a file that cannot be written.
@@ -179,9 +177,9 @@ def draw_gallery(
 Fact: TypeAlias = tuple[str, str, str]  # name, value, detail
 
 
-def facts_of_drive(road: Road, seen: SeenDrive) -> list[Fact]:
-    """The figures of a drive."""
-    result = seen.result
+def facts_of_drive(road: Road, judged: JudgedDrive) -> list[Fact]:
+    """Return the figures of a drive."""
+    result = judged.result
     moobd, share, where = result.moobd, result.max_oob_share, result.moobd_distance
     way_out, gravest = result.departure, result.finding
     departure = (
@@ -202,13 +200,13 @@ def facts_of_drive(road: Road, seen: SeenDrive) -> list[Fact]:
         ("Largest oob share", "–" if share is None else f"{share:.0%}".replace("%", " %"), ""),
         departure,
         ("Duration", f"{result.duration:.1f} s", ""),
-        ("Top speed", f"{seen.speed.max():.0f} km/h" if len(seen) else "–", ""),
+        ("Top speed", f"{judged.speed.max():.0f} km/h" if len(judged) else "–", ""),
         ("Road length", f"{road.length:.0f} m", ""),
     ]
 
 
 def facts_of_road(road: Road) -> list[Fact]:
-    """The figures of a road."""
+    """Return the figures of a road."""
     sharpest = float(np.abs(road.curvatures).max())
     return [
         ("Road length", f"{road.length:.0f} m", ""),
@@ -218,7 +216,8 @@ def facts_of_road(road: Road) -> list[Fact]:
     ]
 
 
-_Draw: TypeAlias = Callable[[Axes, Road, SeenDrive | None], None]
+_Draw: TypeAlias = Callable[[Axes, Road, JudgedDrive | None], None]
+_Profile: TypeAlias = tuple[str, str, float, _Draw]  # name, title, height in inches, drawing
 
 
 # --- The page --------------------------------------------------------------------------------
@@ -226,32 +225,50 @@ _Draw: TypeAlias = Callable[[Axes, Road, SeenDrive | None], None]
 
 def _page(
     road: Road,
-    seen: SeenDrive | None,
+    judged: JudgedDrive | None,
     title: str,
     reason: str,
     colour: str,
 ) -> Figure:
-    focus = None if seen is None else focus_of(seen)
-    facts = facts_of_road(road) if seen is None else facts_of_drive(road, seen)
+    focus = None if judged is None else focus_of(judged)
+    facts = facts_of_road(road) if judged is None else facts_of_drive(road, judged)
     lines = wrapped(reason, 118, 3)
-    there = {"curvature"} if focus is None else {"oob", "curvature", "speed"}
-    there |= {name for name in ("grade", "superelevation") if len(getattr(road, name))}
-    profiles = [one for one in _PROFILES if one[0] in there]
+    names = {"curvature"} if focus is None else {"oob", "curvature", "speed"}
+    names |= {name for name in ("grade", "superelevation") if len(getattr(road, name))}
+    profiles = [row for row in _PROFILES if row[0] in names]
 
     turn = turn_of(road)
-    wide = box_of(road, seen, turn)
-    # A road that is shown that large already needs no close-up.
-    shown = float(min((INNER, HIGHEST) / wide.size))
-    closer = focus is not None and shown < 0.6 * CLOSE_UP / ACROSS
-    main_width = INNER - (CLOSE_UP + _GAP if closer else 0.0)
+    wide = box_of(road, judged, turn)
+    # A picture that shows the road nearly as large needs no close-up.
+    scale = float(min((INNER, HIGHEST) / wide.size))
+    has_close_up = focus is not None and scale < 0.6 * CLOSE_UP / ACROSS
+    main_width = INNER - (CLOSE_UP + _GAP if has_close_up else 0.0)
     main_height = float(np.clip(main_width * wide.flatness, _LOWEST, HIGHEST))
 
     top = 0.42 + 0.42 + 0.235 * len(lines) + 0.16
-    tiles, strip, heading = 0.74, 0.66, 0.3
-    below = sum(height + heading for _, _, height, _ in profiles) + 0.55
+    tiles, strip = 0.74, 0.66
+    below = sum(height + _HEADING for _, _, height, _ in profiles) + 0.55
     page = Paper.new(WIDTH, top + tiles + main_height + strip + below)
+    _draw_headline(page, title, lines, facts, top, colour)
 
-    # Headline.
+    # From above.
+    y = top + tiles
+    view = View.showing(page.axes(MARGIN, y, main_width, main_height), wide, turn)
+    near = None
+    if has_close_up and judged is not None and focus is not None:
+        x = MARGIN + main_width + _GAP
+        near = _close_up(page.axes(x, y, CLOSE_UP, main_height), turn, road, judged, focus)
+    draw_scene(view, road, judged, focus, near=near)
+    draw_key(page, y + main_height + 0.1, view, road, judged)
+
+    _draw_profiles(page, road, judged, profiles, y + main_height + strip)
+    return page.figure
+
+
+def _draw_headline(
+    page: Paper, title: str, lines: Sequence[str], facts: Sequence[Fact], top: float, colour: str
+) -> None:
+    """Draw title, reason and figures, which begin ``top`` inches down the page."""
     page.bar(MARGIN, 0.42, 0.07, 0.36 + 0.235 * len(lines), colour)
     page.text(MARGIN + 0.2, 0.42 + 0.29, one_line(title, 58), size=19, weight="bold")
     for i, line in enumerate(lines):
@@ -261,55 +278,47 @@ def _page(
         page.text(x, top + 0.18, f"{name}, {detail}" if detail else name, size=8.5, color=QUIET)
         page.text(x, top + 0.45, value, size=14, weight="bold")
 
-    # From above.
-    y = top + tiles
-    view = View.showing(page.axes(MARGIN, y, main_width, main_height), wide, turn)
-    near = None
-    if closer and seen is not None and focus is not None:
-        x = MARGIN + main_width + _GAP
-        near = _close_up(page.axes(x, y, CLOSE_UP, main_height), turn, road, seen, focus)
-    draw_scene(view, road, seen, focus, near=near)
-    draw_key(page, y + main_height + 0.1, view, road, seen)
 
-    # Along the road.
-    y += main_height + strip
+def _draw_profiles(
+    page: Paper, road: Road, judged: JudgedDrive | None, profiles: Sequence[_Profile], y: float
+) -> None:
+    """Draw values along the road, one below the other, from ``y`` inches down the page."""
     left, width = MARGIN + 0.45, INNER - 0.45
     for name, title, height, draw in profiles:
-        page.text(MARGIN, y + heading - 0.08, title, size=8.5, color=QUIET)
-        y += heading
+        page.text(MARGIN, y + _HEADING - 0.08, title, size=8.5, color=QUIET)
+        y += _HEADING
         axes = page.axes(left, y, width, height, bare=False, label=name)
-        draw(axes, road, seen)
+        draw(axes, road, judged)
         axes.set_xlim(0.0, road.length)
         axes.xaxis.set_major_locator(MaxNLocator(10, steps=[1, 2, 2.5, 5, 10]))
         axes.grid(visible=True)
         axes.spines["left"].set_visible(False)
         axes.tick_params(labelbottom=name == profiles[-1][0])
-        for one in () if seen is None else seen.result.findings:
-            if one.criterion not in (LANE, DRIVER):
-                axes.axvline(one.distance, color=ALARM, lw=1.0, ls=":", zorder=2)
-        if seen is not None and seen.result.departure is not None:
-            at = seen.result.departure.distance
+        for finding in () if judged is None else judged.result.findings:
+            if finding.criterion not in (LANE, DRIVER):
+                axes.axvline(finding.distance, color=ALARM, lw=1.0, ls=":", zorder=2)
+        if judged is not None and judged.result.departure is not None:
+            at = judged.result.departure.distance
             axes.axvline(at, color=ALARM, lw=1.0, zorder=2)
             if name == profiles[0][0]:
                 _mark_departure(axes, at / road.length)
         y += height
     middle = left + 0.5 * width
     page.text(middle, y + 0.335, "distance along the road (m)", size=8.5, color=QUIET, ha="center")
-    return page.figure
 
 
-def _close_up(axes: Axes, turn: float, road: Road, seen: SeenDrive, focus: Focus) -> View:
-    """The decisive place."""
+def _close_up(axes: Axes, turn: float, road: Road, judged: JudgedDrive, focus: Focus) -> View:
+    """Draw the decisive place, and return its view."""
     page = Paper.on(axes)
-    (place,) = turned(seen.xy[[focus.record]], turn)
+    (place,) = turned(judged.xy[[focus.record]], turn)
     half = 0.5 * ACROSS * np.array([1.0, page.height / page.width])
     near = View.showing(axes, Box(place - half, place + half), turn)
-    draw_close_up(near, road, seen, focus)
+    draw_close_up(near, road, judged, focus)
     behind = {"facecolor": PANEL, "edgecolor": "none", "alpha": 0.85, "pad": 2.5}
-    how: dict[str, Any] = {"weight": "bold", "color": focus.colour, "bbox": behind, "zorder": 9}
-    page.text(0.12, 0.24, focus.what, size=9.5, **how)
+    style: dict[str, Any] = {"weight": "bold", "color": focus.colour, "bbox": behind, "zorder": 9}
+    page.text(0.12, 0.24, focus.headline, size=9.5, **style)
     # In the corner where no car is.
-    cars = (near.at(seen.xy) - near.centre + near.half) * near.scale
+    cars = (near.at(judged.xy) - near.centre + near.half) * near.scale
     corner = 0.5 * page.width * POINT, 0.6 * POINT
     is_taken = ((cars > -POINT) & (cars < corner)).all(axis=1).any()
     left = page.width - 5.0 * near.scale / POINT - 0.5 if is_taken else 0.12
@@ -320,10 +329,10 @@ def _close_up(axes: Axes, turn: float, road: Road, seen: SeenDrive, focus: Focus
 # --- Along the road --------------------------------------------------------------------------
 
 
-def _draw_oob_distance(axes: Axes, road: Road, seen: SeenDrive | None) -> None:
-    assert seen is not None
+def _draw_oob_distance(axes: Axes, road: Road, judged: JudgedDrive | None) -> None:
+    assert judged is not None
     half = 0.5 * road.lane_width
-    value = max(float(seen.oob_distance.min()), -3.0 * half)
+    value = max(float(judged.oob_distance.min()), -3.0 * half)
     # The departure's label has its place on top.
     low, high = min(-0.6 * half, value - 0.65 * half), 1.55 * half
     axes.set_ylim(low, high)
@@ -332,16 +341,16 @@ def _draw_oob_distance(axes: Axes, road: Road, seen: SeenDrive | None) -> None:
     axes.axhspan(low, 0.0, color="#fbeeee", zorder=0.2, lw=0.0)
     axes.axhline(0.0, color=ALARM, lw=0.8, alpha=0.6, zorder=1.5)
     scale = size_of(axes) / (road.length, high - low)
-    places = np.column_stack([seen.distance, seen.oob_distance])
-    draw_coloured(axes, places, scale, seen.oob_distance, half, 2.2)
-    if seen.result.moobd is None:
+    places = np.column_stack([judged.distance, judged.oob_distance])
+    draw_coloured(axes, places, scale, judged.oob_distance, half, 2.2)
+    if judged.result.moobd is None:
         return
-    least = int(np.argmin(seen.oob_distance))
-    where, moobd = float(seen.distance[least]), float(seen.oob_distance[least])
-    how: Any = {"ms": 6.0, "mfc": "white", "mec": INK, "mew": 1.4, "zorder": 6, "clip_on": False}
-    axes.plot(where, max(moobd, -3.0 * half), "o", **how)
+    least = int(np.argmin(judged.oob_distance))
+    where, moobd = float(judged.distance[least]), float(judged.oob_distance[least])
+    style: Any = {"ms": 6.0, "mfc": "white", "mec": INK, "mew": 1.4, "zorder": 6, "clip_on": False}
+    axes.plot(where, max(moobd, -3.0 * half), "o", **style)
     share = where / road.length
-    if seen.result.departure is not None:  # beside the departure's line
+    if judged.result.departure is not None:  # beside the departure's line
         side, dx, dy = ("left", 8.0, -8.0) if share < 0.2 else ("right", -8.0, -8.0)
     else:
         side, dx, dy = "center", 0.0, -13.0
@@ -362,7 +371,7 @@ def _mark_departure(axes: Axes, share: float) -> None:
     )  # fmt: skip
 
 
-def _draw_curvature(axes: Axes, road: Road, _: SeenDrive | None) -> None:
+def _draw_curvature(axes: Axes, road: Road, _: JudgedDrive | None) -> None:
     reach = max(0.0125, 1.25 * float(np.abs(road.curvatures).max()))
     axes.set_ylim(-reach, reach)
     axes.yaxis.set_major_locator(MaxNLocator(3, steps=[1, 2, 5, 10]))
@@ -374,12 +383,12 @@ def _draw_curvature(axes: Axes, road: Road, _: SeenDrive | None) -> None:
         axes.text(1.004, share, text, size=7.5, color=QUIET, va=va, transform=axes.transAxes)
 
 
-def _draw_speed(axes: Axes, road: Road, seen: SeenDrive | None) -> None:
-    assert seen is not None
-    limits = seen.drive.rules.speed_limits_on(road)
+def _draw_speed(axes: Axes, road: Road, judged: JudgedDrive | None) -> None:
+    assert judged is not None
+    limits = judged.drive.rules.speed_limits_on(road)
     places = [*limits[:, 0], road.length]
     limit = float(limits[-1, 1])
-    low, high = float(seen.speed.min()), float(seen.speed.max())
+    low, high = float(judged.speed.min()), float(judged.speed.max())
     axes.set_ylim(min(0.0, low), 1.15 * max(float(limits[:, 1].max()), high))
     axes.yaxis.set_major_locator(MaxNLocator(3, steps=[1, 2, 5, 10]))
     if len(limits) == 1:
@@ -387,11 +396,11 @@ def _draw_speed(axes: Axes, road: Road, seen: SeenDrive | None) -> None:
     else:
         axes.stairs(limits[:, 1], places, baseline=None, color=QUIET, lw=0.8, ls=(0, (4.0, 3.0)))
     axes.text(1.004 * road.length, limit, "limit", size=7.5, color=QUIET, va="center")
-    axes.plot(seen.distance, seen.speed, color=_LINE, lw=1.4, zorder=3)
+    axes.plot(judged.distance, judged.speed, color=_LINE, lw=1.4, zorder=3)
 
 
-def _draw_height(axes: Axes, road: Road, _: SeenDrive | None) -> None:
-    """The height, and in writing the grade in the middle of every eighth of the road."""
+def _draw_height(axes: Axes, road: Road, _: JudgedDrive | None) -> None:
+    """Draw the height, and write the grade in the middle of every eighth of the road."""
     places = road.distances()
     heights = road.heights(places)
     low, high = float(heights.min()), float(heights.max())
@@ -409,7 +418,7 @@ def _draw_height(axes: Axes, road: Road, _: SeenDrive | None) -> None:
         )  # fmt: skip
 
 
-def _draw_superelevation(axes: Axes, road: Road, _: SeenDrive | None) -> None:
+def _draw_superelevation(axes: Axes, road: Road, _: JudgedDrive | None) -> None:
     places = road.distances()
     slopes = 100.0 * profile.value_at(road.superelevation, places)
     most = max(0.1, round(float(np.abs(slopes).max()), 1))
@@ -420,14 +429,14 @@ def _draw_superelevation(axes: Axes, road: Road, _: SeenDrive | None) -> None:
     axes.plot(places, slopes, color=_LINE, lw=1.4, zorder=3)
 
 
-_PROFILES: Final[Sequence[tuple[str, str, float, _Draw]]] = (
+_PROFILES: Final[Sequence[_Profile]] = (
     ("oob", "oob distance (m)", 1.35, _draw_oob_distance),
     ("curvature", "curvature (1/m)", 0.85, _draw_curvature),
     ("superelevation", "superelevation (%), + falls to the right", 0.6, _draw_superelevation),
     ("grade", "height (m), with the grade", 0.85, _draw_height),
     ("speed", "speed (km/h)", 0.85, _draw_speed),
 )
-"""Values along the road: name, title, inches of height, and what draws them."""
+"""Values along the road, from top to bottom."""
 
 
 # --- The contact sheet -----------------------------------------------------------------------
@@ -447,7 +456,7 @@ def _sheet(items: Sequence[tuple[str, Road, Drive | Test | None]], title: str | 
 
 
 def sheet_row(width: float, columns: int) -> float:
-    """Height in inches of a row of so many pictures, with their captions, on a sheet."""
+    """Return the height of a row of ``columns`` pictures with captions on a sheet, in inches."""
     return _sheet_picture(width, columns) / 1.5 + _CAPTION  # roads lie flat
 
 
@@ -464,7 +473,7 @@ def draw_sheet(
     top: float,
     width: float,
 ) -> None:
-    """Drives from above, (caption, road, drive) in reading order, at so many inches of a page."""
+    """Draw (caption, road, drive) from above in reading order; sizes are in inches of the page."""
     picture = _sheet_picture(width, columns)
     height = picture / 1.5
     letters = int(picture / 0.088)
@@ -473,15 +482,15 @@ def draw_sheet(
         x = left + column * (picture + _BETWEEN)
         y = top + row * sheet_row(width, columns)
         is_driven = drive is not None and (isinstance(drive, Drive) or drive.drive is not None)
-        seen = look(road, drive) if drive is not None and is_driven else None
+        judged = look(road, drive) if drive is not None and is_driven else None
         turn = turn_of(road)
-        view = View.showing(page.axes(x, y, picture, height), box_of(road, seen, turn), turn)
-        focus = None if seen is None else focus_of(seen)
-        draw_scene(view, road, seen, focus, labelled=False)
+        view = View.showing(page.axes(x, y, picture, height), box_of(road, judged, turn), turn)
+        focus = None if judged is None else focus_of(judged)
+        draw_scene(view, road, judged, focus, labelled=False)
         page.text(x, y + height + 0.17, one_line(text, letters), size=9, weight="bold")
         line = f"{road.length:.0f} m"
-        if seen is not None:
-            result = seen.result
+        if judged is not None:
+            result = judged.result
             moobd = result.moobd
             line = (
                 f"{result.outcome}, {line}"

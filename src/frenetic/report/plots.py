@@ -1,7 +1,7 @@
 """Pictures on Matplotlib's axes, for notebooks and figures of your own.
 
-Each draws on the given axes, or on those of a new figure, and returns them. What is seen from above
-is drawn by the same code as in the report's pictures.
+Each function draws on the axes that it is given, or on axes of a new figure, and returns the axes.
+Views from above are drawn by the code of the report's pictures.
 """
 
 from __future__ import annotations
@@ -26,8 +26,7 @@ from frenetic.report.html.page import Chart
 from frenetic.report.html.tests import TestSummary
 from frenetic.report.html.timeline import timeline_of
 from frenetic.report.scene import (
-    SeenDrive,
-    View,
+    JudgedDrive,
     box_of,
     draw_colour_bar,
     draw_scene,
@@ -36,9 +35,10 @@ from frenetic.report.scene import (
     road_of,
 )
 from frenetic.report.style import FAINT, STYLE, WIDTH, Paper, form_of, write_figure
+from frenetic.report.view import View
 from frenetic.road import Road
 
-# Told apart with any kind of colour vision, and in grey by their order.
+# Colours of groups: distinct with any kind of colour vision, and in grey by their order.
 _GROUPS: Final = (
     "#0b5fa5", "#e07b1a", "#1b8a6b", "#8a4fa0", "#b3262c", "#5c6670", "#c2a200", "#c2407f",
 )  # fmt: skip
@@ -66,8 +66,7 @@ def plot(
 
     Args:
         thing: to draw.
-        ax: axes to draw on; those of a new figure of pyplot's if None, of a drive with a key to the
-            colours.
+        ax: axes to draw on; None for a new figure of pyplot, for a drive with a key to the colours.
         road: that was driven, for a drive that does not know it.
 
     Returns:
@@ -90,35 +89,35 @@ def plot(
         return _plot_above(road, look(road, thing), ax)
 
 
-def _plot_above(road: Road, seen: SeenDrive | None, ax: Axes | None) -> Axes:
-    """A road and its drive where they lie on the map; what the axes show already stays in sight."""
-    box, title = box_of(road, seen, 0.0), f"Road, {road.length:.0f} m"
+def _plot_above(road: Road, judged: JudgedDrive | None, ax: Axes | None) -> Axes:
+    """Draw a road and its drive where they lie on the map; earlier drawings stay in sight."""
+    box, title = box_of(road, judged, 0.0), f"Road, {road.length:.0f} m"
     if ax is None:
         width, height = min((_WIDE, _TALL) / box.size) * box.size
-        key = 0.0 if seen is None else _KEY
+        key = 0.0 if judged is None else _KEY
         axes, page = _new_axes(max(width, 0.6 * _WIDE), max(height, 2.0), key=key)
-        if seen is not None:
+        if judged is not None:
             right, y = page.width - _RIGHT, page.height - _KEY + 0.1
             draw_colour_bar(page, right, y, 0.5 * road.lane_width)
     else:
         axes = ax
     if axes.has_data():
         box = box.holding(np.transpose([axes.get_xlim(), axes.get_ylim()]))
-    focus = None if seen is None else focus_of(seen)
-    draw_scene(View.showing(axes, box, 0.0), road, seen, focus)
+    focus = None if judged is None else focus_of(judged)
+    draw_scene(View.showing(axes, box, 0.0), road, judged, focus)
     axes.set_aspect("equal")
     axes.set_xlabel("x (m)")
     axes.set_ylabel("y (m)")
-    if seen is not None:
-        moobd = seen.result.moobd
-        title = str(seen.result.outcome)
+    if judged is not None:
+        moobd = judged.result.moobd
+        title = str(judged.result.outcome)
         title += "" if moobd is None else f", MOOBD {oob_words(moobd, road.lane_width)}"
     axes.set_title(title, loc="left", fontsize=9.0)
     return axes
 
 
 def _new_axes(width: float, height: float, *, key: float = 0.0) -> tuple[Axes, Paper]:
-    """Axes of so many inches in a new figure, with room for a key below; and the figure's page."""
+    """Return axes in a new figure, with room for a key below, and the figure; sizes in inches."""
     import matplotlib.pyplot as plt  # which chooses a backend: only for who wants a new figure
 
     wide, tall = _LEFT + width + _RIGHT, _TOP + height + _BOTTOM + key
@@ -132,8 +131,8 @@ def _new_axes(width: float, height: float, *, key: float = 0.0) -> tuple[Axes, P
 def plot_progress(campaign: Place, ax: Axes | None = None) -> Axes:
     """Draws failures and distinct failures over the simulations, as the report does.
 
-    Dashed: how many there would be if all roads were like those of the random phase, with the band
-    of what is not known of it (95 %).
+    The dashed line expects the failing share of the random roads for all roads; the band around it
+    is the share's 95 % interval.
 
     Raises:
         CampaignError: there is no campaign, or it is damaged.
@@ -145,7 +144,7 @@ def plot_progress(campaign: Place, ax: Axes | None = None) -> Axes:
     with mpl.rc_context(STYLE):
         axes = _new_axes(_WIDE, 3.2)[0] if ax is None else ax
         if chart is not None:
-            counts = {one.name: f"{one.name}: {one.y[-1]:.0f}" for one in chart.series[:2]}
+            counts = {line.name: f"{line.name}: {line.y[-1]:.0f}" for line in chart.series[:2]}
             _draw_chart(axes, chart, lambda name: counts.get(name, name))
     return axes
 
@@ -175,7 +174,7 @@ def draw_curves(axes: Axes, comparison: Comparison, which: int = 0) -> None:
 
 
 def _draw_chart(axes: Axes, chart: Chart, name_of: Callable[[str], str]) -> None:
-    """Draws a chart of counts, with other names of its lines in its legend."""
+    """Draw a chart of counts; ``name_of`` gives a line's text in the legend."""
     for line in chart.series:
         colour, style = _COLOURS[line.role], (0, (4, 2)) if line.dashed else "-"
         if line.low:

@@ -161,8 +161,8 @@ def shorten_causes(campaign: Campaign, findings: Findings, summary: Summary) -> 
     """
     folder, tester, causes = campaign.folder, campaign.tester, findings.clusters.causes
     drives, seconds = summary.simulations // SHORTENING_SHARE, _shortening_seconds(summary)
-    found = minimise_causes(folder, causes, tester, drives, seconds, isolate=campaign.isolate)
-    for test_id, answer in found:
+    answers = minimise_causes(folder, causes, tester, drives, seconds, isolate=campaign.isolate)
+    for test_id, answer in answers:
         if isinstance(answer, FreneticError):
             yield f"test {test_id} was not shortened: {answer}"
             continue

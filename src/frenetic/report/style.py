@@ -22,7 +22,7 @@ from frenetic.errors import FreneticError
 
 SUFFIXES: Final = (".png", ".svg", ".pdf")
 """Valid suffixes of a picture's file."""
-DPI: Final = 110
+DPI: Final = 110  # [dots/inch], ours
 
 # Sizes of a page in inches.
 WIDTH: Final = 11.0
@@ -71,10 +71,10 @@ STYLE: Final[dict[str, Any]] = {
 
 
 def form_of(path: Path | str) -> str:
-    """The form of a picture by its suffix: png, svg or pdf.
+    """Return the form of a picture by its suffix: png, svg or pdf.
 
     Raises:
-        FreneticError: another suffix.
+        FreneticError: the suffix is another.
     """
     suffix = Path(path).suffix.lower()
     if suffix not in SUFFIXES:
@@ -84,7 +84,7 @@ def form_of(path: Path | str) -> str:
 
 
 def write_figure(figure: Figure, path: Path | str, form: str) -> None:
-    """Draws a picture and writes it whole or not at all.
+    """Draw a picture, and write it completely or not at all.
 
     Raises:
         FreneticError: the file cannot be written.
@@ -101,7 +101,7 @@ def write_figure(figure: Figure, path: Path | str, form: str) -> None:
 
 
 def encode_figure(figure: Figure, form: str, *, colours: int | None = None) -> bytes:
-    """The bytes of a picture's file; a PNG of few colours is small."""
+    """Return the bytes of a picture's file; a PNG of few colours is small."""
     canvas = FigureCanvasAgg(figure)
     drawn = BytesIO()
     with warnings.catch_warnings():
@@ -131,39 +131,39 @@ class Paper:
 
     @classmethod
     def new(cls, width: float, height: float, dpi: float = DPI) -> Paper:
-        """An empty figure of so many inches."""
+        """Return an empty figure of a size in inches."""
         return cls(Figure(figsize=(width, height), dpi=dpi, facecolor="white"), width, height)
 
     @classmethod
     def on(cls, axes: Axes) -> Paper:
-        """Axes in their present size."""
+        """Return existing axes as paper, in their present size."""
         box, dpi = axes.bbox, axes.figure.dpi
         return cls(axes, box.width / dpi, box.height / dpi)
 
-    def text(self, x: float, y: float, text: str, *, size: float, **how: Any) -> Any:
-        """Writes a text."""
-        how = {"va": "baseline", "transform": self._square, **how}
-        return self.canvas.text(x / self.width, 1.0 - y / self.height, text, size=size, **how)
+    def text(self, x: float, y: float, text: str, *, size: float, **style: Any) -> Any:
+        """Write a text; ``style`` is Matplotlib's."""
+        style = {"va": "baseline", "transform": self._square, **style}
+        return self.canvas.text(x / self.width, 1.0 - y / self.height, text, size=size, **style)
 
     def bar(self, x: float, y: float, width: float, height: float, colour: str) -> None:
-        """A filled rectangle."""
+        """Draw a filled rectangle."""
         left, bottom, across, up = self._place(x, y, width, height)
-        how: Any = {"facecolor": colour, "edgecolor": "none", "transform": self._square}
-        self.canvas.add_artist(Rectangle((left, bottom), across, up, **how))
+        style: Any = {"facecolor": colour, "edgecolor": "none", "transform": self._square}
+        self.canvas.add_artist(Rectangle((left, bottom), across, up, **style))
 
-    def line(self, xs: Sequence[float], ys: Sequence[float], **how: Any) -> None:
-        """A line through points."""
+    def line(self, xs: Sequence[float], ys: Sequence[float], **style: Any) -> None:
+        """Draw a line through points."""
         across, up = [x / self.width for x in xs], [1.0 - y / self.height for y in ys]
-        self.canvas.add_artist(Line2D(across, up, transform=self._square, **how))
+        self.canvas.add_artist(Line2D(across, up, transform=self._square, **style))
 
     def axes(
-        self, x: float, y: float, width: float, height: float, *, bare: bool = True, **how: Any
+        self, x: float, y: float, width: float, height: float, *, bare: bool = True, **style: Any
     ) -> Axes:
-        """Axes; bare ones have neither ticks nor an edge."""
+        """Return new axes; bare axes have neither ticks nor an edge."""
         place = self._place(x, y, width, height)
         canvas: Any = self.canvas
         add = canvas.add_axes if isinstance(canvas, Figure) else canvas.inset_axes
-        axes: Axes = add(place, **how)
+        axes: Axes = add(place, **style)
         if bare:
             axes.set(xticks=[], yticks=[])
             axes.spines[:].set_visible(False)
@@ -173,13 +173,13 @@ class Paper:
     def figure(self) -> Figure:
         """The figure."""
         canvas = self.canvas
-        found = canvas if isinstance(canvas, Figure) else canvas.figure
-        assert isinstance(found, Figure)
-        return found
+        figure = canvas if isinstance(canvas, Figure) else canvas.figure
+        assert isinstance(figure, Figure)
+        return figure
 
     @property
     def _square(self) -> Any:
-        """Transform of the unit square to what it covers."""
+        """Transform of the unit square to the paper."""
         canvas = self.canvas
         return canvas.transFigure if isinstance(canvas, Figure) else canvas.transAxes
 
@@ -191,16 +191,16 @@ class Paper:
 
 
 def _printable(text: str) -> str:
-    """``text`` on one line, without what a picture file could not hold."""
+    """Return ``text`` on one line, without characters that a picture file cannot hold."""
     return "".join(c for c in " ".join(text.split()) if c.isprintable())
 
 
 def one_line(text: str, most: int) -> str:
-    """``text`` on one line of at most so many letters."""
+    """Return ``text`` on one line of at most ``most`` letters."""
     text = _printable(text)
     return text if len(text) <= most else text[: most - 1].rstrip() + "…"
 
 
 def wrapped(text: str, width: int, most: int) -> list[str]:
-    """``text`` in at most so many lines."""
+    """Return ``text`` in at most ``most`` lines."""
     return textwrap.wrap(_printable(text), width, max_lines=most, placeholder=" …")

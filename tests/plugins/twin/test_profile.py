@@ -11,7 +11,7 @@ import pytest
 from frenetic import EmbeddedSimulator, Road, Rules, Stanley, Vehicle
 from frenetic._support.files import MAX_BYTES
 from frenetic.campaign import RoadTester
-from frenetic.cli.entries import Given
+from frenetic.cli.entries import CommandOptions
 from frenetic.drivers import Delayed
 from frenetic.errors import FreneticError
 from frenetic.plugins.twin.profile import TwinProfile
@@ -98,7 +98,7 @@ def test_given_options_lie_over_those_of_the_profile(tmp_path: Path) -> None:
     campaign = Spec(conditions={"noise": 0.2}, map_size=300.0, lane_width=5.0)
 
     def over(has_roads: bool = True, **entries: Any) -> Spec:
-        given = Given(Spec(**entries), tmp_path / "twin.json")
+        given = CommandOptions(Spec(**entries), tmp_path / "twin.json")
         return given.over(campaign, has_roads=has_roads)
 
     spec = over(driver="braking=3.0", speed_limit=60.0)

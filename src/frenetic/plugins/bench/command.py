@@ -23,8 +23,8 @@ from frenetic.cli.console import (
     shell,
 )
 from frenetic.cli.entries import (
-    Given,
-    Source,
+    CommandOptions,
+    PartsSource,
     entry_option,
     names_of,
     part_options,
@@ -135,15 +135,15 @@ def _begun(context: click.Context, path: Path | None, out: Path | None) -> tuple
     from frenetic.plugins.bench.bench import BENCHES
     from frenetic.plugins.bench.file import read_bench
 
-    stated = {n: context.params[n] for n in _ENTRIES if was_given(context, n)}
-    if {"generator", "strategy"} & stated.keys():  # in the place of all that the file names
-        stated |= {kind: context.params[kind] for kind in ("generator", "strategy")}
-    driving, here = Given.of(context), Path.cwd()
-    spec, entries = read_bench(path, stated.get("preset"))
+    given = {n: context.params[n] for n in _ENTRIES if was_given(context, n)}
+    if {"generator", "strategy"} & given.keys():  # in the place of all that the file names
+        given |= {kind: context.params[kind] for kind in ("generator", "strategy")}
+    driving, here = CommandOptions.of(context), Path.cwd()
+    spec, entries = read_bench(path, given.get("preset"))
     with as_usage_error():
-        source = None if path is None else Source(path, spec, entries.parts)
-        entries = structs.replace(entries, **stated)
-        is_named = path is None or "generator" in stated
+        source = None if path is None else PartsSource(path, spec, entries.parts)
+        entries = structs.replace(entries, **given)
+        is_named = path is None or "generator" in given
         if is_named:
             driving = replace(driving, others=entries.parts)
         spec, folder = driving.trusted(

@@ -20,9 +20,9 @@ from frenetic.report.html.campaign import REPORT, campaign_report, write_report
 from frenetic.report.html.comparison import write_comparison_page
 from frenetic.report.html.page import (
     Chart,
+    DataBlock,
     Facts,
     Paragraph,
-    Part,
     Report,
     Section,
     Series,
@@ -34,9 +34,9 @@ from frenetic.report.html.page import (
 __all__ = [
     "REPORT",
     "Chart",
+    "DataBlock",
     "Facts",
     "Paragraph",
-    "Part",
     "Report",
     "Section",
     "Series",

@@ -51,9 +51,9 @@ from frenetic.report.html.domain import domain_section
 from frenetic.report.html.feature_map import choose_mapped, map_section
 from frenetic.report.html.gallery import gallery_section
 from frenetic.report.html.page import (
+    DataBlock,
     Facts,
     Paragraph,
-    Part,
     Report,
     Section,
     command,
@@ -76,17 +76,18 @@ from frenetic.spec import FILE
 from frenetic.spec.part_record import PARTS, recorded_part
 
 FILMS: Final = "frenetic.films"
-"""Group of entry points: functions of a campaign's record that give one of a test, for its `Film`
-or None."""
+"""Group of entry points. Each is a function of a campaign's configuration that returns a function
+of a test, which returns the test's `Film` or None."""
 DRIVES_SIZE: Final = 3_500_000
 """Most bytes of JSON for all drives of a page."""
 FILMS_SIZE: Final = 3_000_000
-"""Most bytes of all pictures of a page, likewise."""
+"""Most bytes of all pictures of a page."""
 REPORT: Final = "report.html"
 """Name of the report in a campaign's folder."""
 
 _LATE: Final = 0.8
-"""Share of the tests behind which failures are late: many late ones, and more drives find more."""
+"""Share of the tests after which failures are late; many late failures mean that more drives find
+more."""
 
 
 @dataclass(frozen=True)
@@ -100,13 +101,13 @@ class Reading:
     misses: Clusters | None
     """The nearest misses; None if a test failed."""
     mapped: Mapping[int, tuple[Features, Candidate]]
-    """The tests in the feature map, with their features, see `measure`."""
+    """The tests in the feature map, with their features."""
     failures: Mapping[int, tuple[Test, Segment | None]]
     """The most severe failures, each with its segment, if it has records."""
 
     @classmethod
     def of(cls, store: CampaignStore) -> Reading:
-        """The tests of a campaign.
+        """Read the tests of a campaign.
 
         Raises:
             CampaignError: the campaign is damaged.
@@ -149,13 +150,13 @@ def write_report(
     reading: Reading | None = None,
     sections: Sequence[Section] = (),
 ) -> Path:
-    """Writes the report of a campaign: one self-contained HTML file.
+    """Write the report of a campaign: one self-contained HTML file.
 
     Args:
-        campaign: open, or its folder.
-        path: of the file, which is replaced; ``report.html`` in the campaign's folder by default.
-        reading: its tests, if they are read already.
-        sections: to add after those of the campaign.
+        campaign: an open campaign, or a campaign's folder.
+        path: path of the file, which is replaced; by default ``report.html`` in that folder.
+        reading: the campaign's tests, if they are read already.
+        sections: sections to add after the campaign's sections.
 
     Returns:
         The file.
@@ -176,20 +177,22 @@ def campaign_report(
     reading: Reading | None = None,
     sections: Sequence[Section] = (),
 ) -> Report:
-    """The report of a campaign.
+    """Return the report of a campaign.
 
     Raises:
         CampaignError: the campaign is damaged.
     """
     reading = Reading.of(store) if reading is None else reading
     tests, counts, clusters = reading.tests, reading.counts, reading.clusters
-    found, config = reading.misses or clusters, store.config
+    shown_clusters, config = reading.misses or clusters, store.config
     try:
         reruns, trouble = read_reruns(store.folder), ""
     except CampaignError as error:
         reruns, trouble = [], str(error)
-    there = in_other_simulators(reruns, config)
-    shown = _to_show(tests, found, [test.id for one in there for test in one.tests])
+    elsewhere_reruns = in_other_simulators(reruns, config)
+    shown = _to_show(
+        tests, shown_clusters, [test.id for rerun in elsewhere_reruns for test in rerun.tests]
+    )
     coverage = domain_coverage(store.setting, store.tests())
     driven = [test.conditions for test in tests if test.outcome.is_driven]
     axes = varied_axes(driven) if coverage is None else coverage.axes
@@ -202,11 +205,13 @@ def campaign_report(
         title=title,
         sections=(
             Section("summary", title, (headline(store, clusters, counts, trouble),)),
-            gallery_section(found, tests, drives, counts, own_repeats(reruns), there, config),
+            gallery_section(
+                shown_clusters, tests, drives, counts, own_repeats(reruns), elsewhere_reruns, config
+            ),
             timeline_section(tests, clusters),
             *([] if coverage is None else [domain_section(coverage)]),
             map_section({i: features for i, (features, _) in mapped.items()}, tests, cells),
-            Section("tests", "All tests", (Part("tests", {}),)),
+            Section("tests", "All tests", (DataBlock("tests", {}),)),
             configuration(store.folder, config, store.facts),
             *sections,
         ),
@@ -222,7 +227,7 @@ def campaign_report(
 
 
 def _drives(store: CampaignStore, reading: Reading, shown: Sequence[int]) -> list[dict[str, Any]]:
-    """The drives of as many tests to show as there is room for."""
+    """Return the drives of the first tests to show, as many as there is room for."""
     drives: list[dict[str, Any]] = []
     room, room_for_pictures = DRIVES_SIZE, FILMS_SIZE
     films: list[Callable[[Test], Film | None]] = [
@@ -244,8 +249,8 @@ def _drives(store: CampaignStore, reading: Reading, shown: Sequence[int]) -> lis
             data["reason"] += f"; {conditions}"
         drives.append(data)
         room -= len(encode(data))
-        seen = (film(record) for film in films if room_for_pictures > 0)
-        film = next((one for one in seen if one is not None), None)
+        candidates = (film_of(record) for film_of in films if room_for_pictures > 0)
+        film = next((film for film in candidates if film is not None), None)
         drives[-1]["film"] = film
         room_for_pictures -= 0 if film is None else len(film.pictures)
     return drives
@@ -254,10 +259,10 @@ def _drives(store: CampaignStore, reading: Reading, shown: Sequence[int]) -> lis
 def _to_show(
     tests: Sequence[TestSummary], clusters: Clusters, elsewhere: Sequence[int]
 ) -> list[int]:
-    """Ids of the tests to show, the most important first.
+    """Return ids of the tests to show, the most important first.
 
-    An example of each cause, each cluster's most severe and typical failure, then those driven in
-    another simulator, and the most severe failures.
+    An example of each cause, each cluster's most severe and typical failure, then the failures that
+    were driven in another simulator, then the most severe failures.
     """
     examples = [cause.example for cause in clusters.causes]
     heads = [i for cluster in clusters for i in (cluster.most_severe, cluster.typical)]
@@ -269,7 +274,7 @@ def _to_show(
 
 
 def _shell(path: Path) -> str:
-    """A path for pasting into a shell."""
+    """Return a path for pasting into a shell."""
     text = str(path).encode("utf-8", "replace").decode()  # it may hold what no page can
     return f'"{text}"' if sys.platform == "win32" else shlex.quote(text)
 
@@ -280,22 +285,24 @@ def _shell(path: Path) -> str:
 def _title(clusters: Clusters, counts: Counts) -> str:
     if counts.errors and not counts.failed:
         return capitalised(counts.broken)
-    found = "No failure"
+    text = "No failure"
     if counts.failed:
         distinct = counted(len(clusters), "distinct failure")
         least = "at least " if clusters.failures < counts.failures else ""
-        found = f"{counted(len(clusters.causes), 'cause')} of {least}{distinct}"
+        text = f"{counted(len(clusters.causes), 'cause')} of {least}{distinct}"
     broken = f"; {counts.broken}" if counts.errors else ""
-    return f"{found} in {counted(counts.simulations, 'simulation')}{broken}"
+    return f"{text} in {counted(counts.simulations, 'simulation')}{broken}"
 
 
-def headline(store: CampaignStore, clusters: Clusters, counts: Counts, trouble: str = "") -> Part:
-    """The search and its results at a glance.
+def headline(
+    store: CampaignStore, clusters: Clusters, counts: Counts, trouble: str = ""
+) -> DataBlock:
+    """Return the search and its results at a glance.
 
     Args:
         store: the campaign.
-        clusters: its distinct failures.
-        counts: of its tests.
+        clusters: the distinct failures.
+        counts: counts of the tests.
         trouble: a warning for the reader.
     """
     config, facts = store.config, store.facts
@@ -310,7 +317,7 @@ def headline(store: CampaignStore, clusters: Clusters, counts: Counts, trouble: 
     road_class, domain = store.setting.road_class, store.setting.domain
     estimate = None if domain is None else FailureRate.read(store.folder)
     version = short_version(innermost(config.get("driver")))
-    told = {
+    facts_shown = {
         "campaign": str(store.folder),
         "roads": "" if road_class is None else road_class.in_words(),
         "domain": "" if domain is None else domain.in_words(),
@@ -324,15 +331,17 @@ def headline(store: CampaignStore, clusters: Clusters, counts: Counts, trouble: 
         "driver": f"{driver}, {version}" if version else "",
         "finished": _when(facts.get("finished_at")),
     }
-    return Part(
+    return DataBlock(
         "headline",
         {
             "lead": f"{strategy} searched for roads on which {driver} leaves its lane"
             f"{' or exceeds another criterion' if criteria else ''} in {simulator},"
             f" seed {'unknown' if seed is None else seed}.",
-            "warning": " ".join([*(f"{capitalised(one)}." for one in warnings if one), trouble]),
+            "warning": " ".join(
+                [*(f"{capitalised(warning)}." for warning in warnings if warning), trouble]
+            ),
             "tiles": list(_tiles(store, clusters, counts)),
-            "facts": {name: value for name, value in told.items() if value},
+            "facts": {name: value for name, value in facts_shown.items() if value},
         },
     )
 
@@ -340,7 +349,7 @@ def headline(store: CampaignStore, clusters: Clusters, counts: Counts, trouble: 
 def _tiles(
     store: CampaignStore, clusters: Clusters, counts: Counts
 ) -> Iterator[tuple[str, str, str, str]]:
-    """Headline numbers: name, value, note, and what its colour means, if it has one."""
+    """Yield headline numbers: name, value, note, and the meaning of the colour, if there is one."""
     failures, tests, least = counts.failures, counts.tests, counts.min_moobd
     seconds: Any = store.facts.get("seconds", store.elapsed())
     rate = rate_words(tests / seconds) if tests and seconds > 0.0 else ""
@@ -351,7 +360,7 @@ def _tiles(
     yield "failures", str(failures), note, "fail" if failures else ""
     notes = [f"{clusters.known} known before"] if earlier_of(store.config) else []
     if len(clusters):
-        late = sum(one.ids[0] > _LATE * tests for one in clusters)
+        late = sum(cluster.ids[0] > _LATE * tests for cluster in clusters)
         notes.append(f"{late} of them first seen in the last fifth")
     if clusters.failures < failures:
         notes.append(f"among the {clusters.failures} most severe")
@@ -389,40 +398,40 @@ def _when(value: object) -> str:
 def configuration(
     folder: Path, config: Mapping[str, JSONValue], facts: Mapping[str, JSONValue]
 ) -> Section:
-    """The configuration of a campaign in a folder, and how to repeat it."""
+    """Return the configuration of a campaign in a folder, and the command that repeats it."""
     known = {**config, "budget": facts.get("budget", config.get("budget"))}
-    named = {name: one for name, one in known.items() if isinstance(one, Mapping)}
-    others = {name: one for name, one in known.items() if name not in named}
-    how = Paragraph(_repeatability(known))
-    again = command(f"frenetic run {_shell(folder / FILE)}", "Repeats it, in a new folder:")
+    named = {name: value for name, value in known.items() if isinstance(value, Mapping)}
+    others = {name: value for name, value in known.items() if name not in named}
+    repeatability = Paragraph(_repeatability(known))
+    repeating = command(f"frenetic run {_shell(folder / FILE)}", "Repeats it, in a new folder:")
     is_named = isinstance(config.get(SPEC), Mapping) and config.get(OWNER) is None
     return Section(
         "configuration",
         "Configuration",
         (
-            *([again] if is_named else []),
-            how,
+            *([repeating] if is_named else []),
+            repeatability,
             *(
-                Facts(dict(_flat(one)), capitalised(name), folded=True)
-                for name, one in [*named.items(), ("others", others)]
+                Facts(dict(_flat(value)), capitalised(name), folded=True)
+                for name, value in [*named.items(), ("others", others)]
             ),
         ),
     )
 
 
 def _repeatability(config: Mapping[str, Any]) -> str:
-    """Whether a campaign repeats exactly, and if not, why."""
+    """Say whether a campaign repeats exactly, and if not, why."""
     text = "The same seed gives the same campaign, on the same machine with the same versions."
     budget = config["budget"]
     if isinstance(budget, Mapping) and budget.get("time") is not None:
-        text += " Its budget is of wall time, so how far it comes depends on the machine's speed."
+        text += " Its budget is wall time, so the number of tests depends on the machine's speed."
     if not isinstance(config.get(SPEC), Mapping):
         text += " It was started from Python, so there is no command that repeats it."
     return text
 
 
 def _flat(value: object, name: str = "") -> Iterator[tuple[str, str]]:
-    """The values in nested objects, each with the path to it."""
+    """Yield the path and the value of each entry in nested objects."""
     if isinstance(value, Mapping) and value:
         for key, inner in value.items():
             yield from _flat(inner, f"{name}.{key}" if name else str(key))

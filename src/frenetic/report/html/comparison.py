@@ -27,8 +27,8 @@ from frenetic.report.html.campaign import REPORT
 from frenetic.report.html.page import (
     Block,
     Chart,
+    DataBlock,
     Facts,
-    Part,
     Report,
     Section,
     Series,
@@ -51,12 +51,13 @@ _CURVES: Final[tuple[tuple[Curve, str], ...]] = (
 _STATISTICS: Final = {
     "median, quartiles": "Half of a group's campaigns lie between the quartiles.",
     "A12": "Vargha and Delaney's: the chance that a campaign of the first group does better than"
-    " one of the second. 0.5 is no difference; from 0.56 on it is small, 0.64 medium, 0.71 large,"
-    " likewise below.",
-    "p": "Mann-Whitney, two-sided: how often chance alone would part two groups as far. With"
-    " several groups it is corrected by Holm for the number of pairs, measure by measure. Better is"
-    f" said below {SIGNIFICANT:g}, and of {LEAST_REPEATS} campaigns a group or more. Of many"
-    " measures some differ by chance: the one that puts groups in order was chosen beforehand.",
+    " a campaign of the second. 0.5 is no difference; from 0.56 on (or 0.44 down) it is small, 0.64"
+    " (0.36) medium, 0.71 (0.29) large.",
+    "p": "Mann-Whitney, two-sided: how often chance alone would separate two groups as far. With"
+    " several groups it is corrected by Holm for the number of pairs, measure by measure. A group"
+    f" counts as better below {SIGNIFICANT:g}, if each group has {LEAST_REPEATS} campaigns or more."
+    " Of many measures some differ by chance, so the measure that orders the groups was chosen"
+    " beforehand.",
 }
 
 
@@ -70,18 +71,18 @@ def write_comparison_page(
     command: str | None = None,
     sections: Sequence[Section] = (),
 ) -> Path:
-    """Writes a comparison as one HTML file that needs nothing else.
+    """Write a comparison as one HTML file that needs nothing else.
 
     Campaigns whose folder holds a ``report.html`` are linked to it, relative to the page.
 
     Args:
-        comparison: of one or more groups.
-        path: of the file, which is replaced.
-        title: of the page; by default the names of the groups.
+        comparison: comparison of one or more groups.
+        path: path of the file, which is replaced.
+        title: title of the page; by default the names of the groups.
         lead: a sentence or two before the findings.
-        facts: other facts about the campaigns for the reader.
-        command: the command line that repeats the page.
-        sections: others, after the results.
+        facts: more facts about the campaigns for the reader.
+        command: command line that writes the page again.
+        sections: more sections, after the results.
 
     Returns:
         The file.
@@ -111,9 +112,16 @@ def comparison_report(
     line: str | None = None,
     sections: Sequence[Section] = (),
 ) -> Report:
-    """The page of a comparison, to lie in ``folder``; ``line`` is the command that repeats it.
+    """Return the page of a comparison.
 
-    The other arguments are those of `write_comparison_page`.
+    Args:
+        comparison: comparison of one or more groups.
+        folder: folder of the page, from which it links reports.
+        title: title of the page; by default the names of the groups.
+        lead: a sentence or two before the findings.
+        facts: more facts about the campaigns for the reader.
+        line: command line that writes the page again.
+        sections: more sections, after the results.
     """
     title = title or f"{in_short(list(comparison.groups))} compared"
     definitions = {
@@ -144,18 +152,18 @@ def comparison_report(
     )
 
 
-def _headline(comparison: Comparison, lead: str) -> Part:
+def _headline(comparison: Comparison, lead: str) -> DataBlock:
     by = comparison.headline
-    campaigns = [one for group in comparison.groups.values() for one in group]
-    spent = sorted({one.simulations for one in campaigns})
+    campaigns = [campaign for group in comparison.groups.values() for campaign in group]
+    spent = sorted({campaign.simulations for campaign in campaigns})
     facts = {
         "shown above": f"{by.measure.title}: place, median and quartiles",
-        "campaigns": ", ".join(f"{len(own)} of {n}" for n, own in comparison.groups.items()),
+        "campaigns": ", ".join(f"{len(group)} of {n}" for n, group in comparison.groups.items()),
         "simulations": f"{' to '.join(map(str, dict.fromkeys([spent[0], spent[-1]])))} each",
     }
     parts = ("driver", "simulator", "conditions", "domain")
     facts |= {part: comparison.shared[part] for part in parts if part in comparison.shared}
-    return Part(
+    return DataBlock(
         "headline",
         {
             "lead": " ".join(text for text in (lead, findings(comparison)) if text),
@@ -170,9 +178,9 @@ def _headline(comparison: Comparison, lead: str) -> Part:
 
 
 def groups_of(comparison: Comparison) -> dict[str, dict[str, Any]]:
-    """Name -> group, in the order of the headline measure, each with its own colour.
+    """Return name -> group, in the order of the headline measure, each with a colour.
 
-    ``role`` names the colour, ``style`` is its class in the style sheet.
+    ``role`` names the colour, ``style`` is the colour's class in the style sheet.
     """
     colours = {name: i for i, name in enumerate(comparison.groups)}
     groups = {}
@@ -184,8 +192,8 @@ def groups_of(comparison: Comparison) -> dict[str, dict[str, Any]]:
     return groups
 
 
-def group_table(comparison: Comparison) -> Part:
-    """A row per group: medians, and the quartiles under them."""
+def group_table(comparison: Comparison) -> DataBlock:
+    """Return a table with a row per group: medians, and the quartiles under them."""
     varying: list[MeasureComparison] = []
     alike: list[str] = []
     for by in comparison.measures:
@@ -195,7 +203,7 @@ def group_table(comparison: Comparison) -> Part:
         else:
             alike.append(f"{by.measure.title} {by.measure.text(values.pop())}")
     same = f" The same in all campaigns: {', '.join(alike)}." if alike else ""
-    return Part(
+    return DataBlock(
         "groupTable",
         {
             "columns": [by.measure for by in varying],
@@ -209,36 +217,36 @@ def group_table(comparison: Comparison) -> Part:
 
 
 def group_curves(comparison: Comparison) -> Iterator[Chart]:
-    """Findings over the simulations: a median, and a band or each campaign, for each group."""
+    """Yield failures over the simulations: for each group a median, and a band or each campaign."""
     groups = groups_of(comparison).values()
-    for what, title in _CURVES:
-        lines = tuple(_curve(comparison, group, what) for group in groups)
+    for curve, title in _CURVES:
+        lines = tuple(_curve(comparison, group, curve) for group in groups)
         yield Chart(lines, "simulations", title, counts=True)
 
 
 def _about(comparison: Comparison) -> str:
-    """What the curves show."""
+    """Say what the curves show."""
     band = "the band lies between the quartiles"
     if min(map(len, comparison.groups.values())) < LEAST_REPEATS:
         band = (
-            f"the band between the quartiles needs {LEAST_REPEATS} campaigns, below that each"
+            f"the band between the quartiles needs {LEAST_REPEATS} campaigns; with fewer, each"
             " campaign is a thin line"
         )
     return (
-        f"Median of each group; {band}. A curve reaches as far as all campaigns of its group. A"
-        " distinct failure counts from the first of those alike."
+        f"Median of each group; {band}. A curve ends where the shortest campaign of its group ends."
+        " A distinct failure counts from its first test on."
     )
 
 
-def _curve(comparison: Comparison, group: dict[str, Any], what: Curve) -> Series:
-    found = curves(comparison.groups[group["name"]], what)
-    shown = evenly(found.shape[1], POINTS).tolist()
+def _curve(comparison: Comparison, group: dict[str, Any], curve: Curve) -> Series:
+    counts = curves(comparison.groups[group["name"]], curve)
+    shown = evenly(counts.shape[1], POINTS).tolist()
     low, median, high = (
         tuple(np.round(line[shown], 2).tolist())
-        for line in np.quantile(found, (0.25, 0.5, 0.75), axis=0)
+        for line in np.quantile(counts, (0.25, 0.5, 0.75), axis=0)
     )
-    has_band = len(found) >= LEAST_REPEATS
-    shows_each = not has_band and len(found) > 1
+    has_band = len(counts) >= LEAST_REPEATS
+    shows_each = not has_band and len(counts) > 1
     return Series(
         group["name"],
         tuple(shown),
@@ -247,14 +255,14 @@ def _curve(comparison: Comparison, group: dict[str, Any], what: Curve) -> Series
         high if has_band else (),
         role=group["role"],
         dashed=group["is_again"],
-        singles=tuple(tuple(line[shown].tolist()) for line in found) if shows_each else (),
+        singles=tuple(tuple(line[shown].tolist()) for line in counts) if shows_each else (),
     )
 
 
-def group_spreads(comparison: Comparison) -> Part:
-    """Each campaign's value, by each measure."""
+def group_spreads(comparison: Comparison) -> DataBlock:
+    """Return each campaign's value, by each measure."""
     groups = groups_of(comparison)
-    return Part(
+    return DataBlock(
         "spreads",
         {
             "panels": [_spread_panel(by, groups) for by in comparison.measures],
@@ -265,14 +273,14 @@ def group_spreads(comparison: Comparison) -> Part:
 
 
 def _spread_panel(by: MeasureComparison, groups: dict[str, dict[str, Any]]) -> dict[str, Any]:
-    """A measure's values, a row per group; all places are in percent of a track.
+    """Return a measure's values, a row per group; all places are in percent of a track.
 
-    What is worse than any number stands at an end of its own.
+    Campaigns without a value stand at an end of their own.
     """
     every = [value for name in groups for value in by.values[name]]
     known = [value for value in every if isfinite(value)]
     low, high = (min(known), max(known)) if known else (0.0, 1.0)
-    if low == high:  # then it is shown how far they are from zero
+    if low == high:  # all alike: the track shows their distance to 0
         low, high = (0.0, 1.0) if low == 0.0 else (min(low, 0.0), max(high, 0.0))
     more = by.measure.more_is_better
     nowhere = 0.0 if more else 100.0
@@ -286,7 +294,7 @@ def _spread_panel(by: MeasureComparison, groups: dict[str, dict[str, Any]]) -> d
         return round(first + (last - first) * (value - low) / (high - low), 2)
 
     numbers = MaxNLocator(5, steps=[1, 2, 5, 10]).tick_values(low, high)
-    ticks = [(at(one), proper(f"{one:.6g}")) for one in numbers if low <= one <= high]
+    ticks = [(at(number), proper(f"{number:.6g}")) for number in numbers if low <= number <= high]
     if has_none:
         ticks = [tick for tick in ticks if abs(tick[0] - nowhere) > 20.0] + [(nowhere, "none")]
     rows = []
@@ -307,19 +315,19 @@ def _spread_panel(by: MeasureComparison, groups: dict[str, dict[str, Any]]) -> d
 
 
 def _pairs(comparison: Comparison) -> Iterator[Section]:
-    """Each two groups, by each measure."""
+    """Yield the comparison of each two groups, by each measure."""
     if len(comparison.groups) > 1:
         columns = ("by", "what can be said", ">A12", "effect", ">p")
         rows = tuple(pair_rows(comparison.measures))
         caption = (
-            "A12: the chance that a campaign of the first named does better than one of the second."
+            "A12: the chance that a campaign of the first group does better than one of the second."
         )
         yield Section("pairs", "Pair by pair", (Table(columns, rows, caption),))
 
 
 def _campaigns(comparison: Comparison, folder: Path) -> Table:
     campaigns = [
-        (group, campaign) for group, found in comparison.groups.items() for campaign in found
+        (group, campaign) for group, members in comparison.groups.items() for campaign in members
     ]
     numbers = (">seed", ">simulations", ">failures", ">distinct", ">invalid", ">errors")
     return Table(
@@ -343,7 +351,7 @@ def _campaigns(comparison: Comparison, folder: Path) -> Table:
 
 
 def _relative(place: Path, folder: Path) -> str | None:
-    """A place as seen from a folder; None where there is no way."""
+    """Return a path relative to a folder; None if they lie on different drives."""
     try:
         return Path(os.path.relpath(place.resolve(), folder.resolve())).as_posix()
     except (OSError, ValueError):  # another drive
@@ -351,7 +359,7 @@ def _relative(place: Path, folder: Path) -> str | None:
 
 
 def _link(campaign: CampaignMeasures, folder: Path) -> str | None:
-    """The address of a campaign's report, from a page in a folder; None if there is none."""
+    """Return the address of a campaign's report from a page in a folder; None without a report."""
     report = campaign.folder / REPORT
     try:
         address = _relative(report, folder) if report.is_file() else None

@@ -1,4 +1,4 @@
-"""What of its domain a campaign drove."""
+"""Section of a page: how much of its domain a campaign drove."""
 
 from __future__ import annotations
 
@@ -6,10 +6,10 @@ from typing import Any, Final
 
 from frenetic._support.words import capitalised, counted
 from frenetic.analysis.coverage import ROADS, Cells, DomainCoverage
-from frenetic.report.html.page import Block, Part, Section, Table, percent, proper
+from frenetic.report.html.page import Block, DataBlock, Section, Table, percent, proper
 
 LISTED: Final = 12
-"""Most cells without a drive that are named."""
+"""Most cells without a drive that the page names."""
 
 _LEVELS: Final = (0.0, 0.02, 0.05, 0.1, 0.25)
 """Failing shares above which a cell is darker."""
@@ -17,10 +17,10 @@ _PAIRS: Final = ("pair", ">cells", ">driven", ">with failures", ">never reached"
 
 
 def domain_section(coverage: DomainCoverage) -> Section:
-    """The cells of a domain, one by one and in pairs, and those that were never reached."""
+    """Return the cells of a domain, singly and in pairs, and the cells that were never reached."""
     title = "Domain"
     rows = [_row(cells) for cells in coverage.singles]
-    blocks: list[Block] = [Part("domain", {"rows": rows, "caption": _caption(coverage)})]
+    blocks: list[Block] = [DataBlock("domain", {"rows": rows, "caption": _caption(coverage)})]
     if coverage.pairs:
         blocks.append(_pairs(coverage))
     if coverage.gaps:
@@ -31,11 +31,11 @@ def domain_section(coverage: DomainCoverage) -> Section:
 
 def _row(cells: Cells) -> dict[str, Any]:
     (axis,) = cells.axes
-    found = []
+    cells_data = []
     for i in range(axis.size):
         drives, failures = int(cells.drives[i]), int(cells.failures[i])
         text = f"{failures} of {drives} failed" if failures else f"{drives} passed"
-        found.append(
+        cells_data.append(
             {
                 "range": proper(axis.text(i)),
                 "text": text if drives else "never reached",
@@ -44,7 +44,7 @@ def _row(cells: Cells) -> dict[str, Any]:
                 "level": sum(failures > level * drives for level in _LEVELS),
             }
         )
-    return {"title": capitalised(axis.title), "unit": axis.unit, "cells": found}
+    return {"title": capitalised(axis.title), "unit": axis.unit, "cells": cells_data}
 
 
 def _caption(coverage: DomainCoverage) -> str:
@@ -60,11 +60,11 @@ def _caption(coverage: DomainCoverage) -> str:
 
 def _pairs(coverage: DomainCoverage) -> Table:
     rows, links = [], []
-    for one in coverage.pairs:
-        first, second = one.axes
-        numbers = one.count, one.driven, one.failed, one.never_reached
+    for pair in coverage.pairs:
+        first, second = pair.axes
+        numbers = pair.count, pair.driven, pair.failed, pair.never_reached
         name = f"{first.title}, {second.title}"
-        rows.append((name, *map(str, numbers), _share(one.driven_share)))
+        rows.append((name, *map(str, numbers), _share(pair.driven_share)))
         links.append(f"#map:{first.name}:{second.name}")
     return Table(
         _PAIRS,
@@ -85,7 +85,7 @@ def _gaps(coverage: DomainCoverage) -> Table:
 
 
 def _share(share: float) -> str:
-    """A share of the domain."""
+    """Return a share of the domain in words."""
     if share < 0.0005:
         return "under 0.1 %" if share else "0 %"
     return percent(share)

@@ -15,7 +15,7 @@ from frenetic._support.words import capitalised
 from frenetic.analysis.coverage import Axis
 from frenetic.analysis.features import FEATURES, Feature, Features
 from frenetic.oracle.outcome import Outcome
-from frenetic.report.html.page import Part, Section, proper
+from frenetic.report.html.page import DataBlock, Section, proper
 from frenetic.report.html.tests import TestSummary
 
 MAPPED: Final = 3000
@@ -25,7 +25,7 @@ MAPPED_PASSED: Final = 1000
 MAPPED_FAILURES: Final = 10_000
 """Most measured failures: nearly always all, so that no cell hides one."""
 CELLS: Final = 10
-"""About as many cells has an axis."""
+"""Approximate number of cells on an axis."""
 
 _BINS: Final = "0123456789abcdefghijklmnopqrstuvwxyz"
 
@@ -33,14 +33,14 @@ _BINS: Final = "0123456789abcdefghijklmnopqrstuvwxyz"
 def cells_of(
     feature: Feature, measured: Sequence[Features]
 ) -> tuple[FloatArray, npt.NDArray[np.int64]]:
-    """A feature of some tests, cut into cells of round numbers over its own range.
+    """Cut the range of a feature into cells of round numbers, and put tests into them.
 
     Returns:
         (n + 1,) edges of the cells, ascending; and (tests,) the cell of each test, from 0. The
         edges are those of the published range if nothing is measured.
     """
     factor = 3.6 if feature.unit == "m/s" else 1.0
-    values = factor * np.array([one[feature.name] for one in measured], dtype=np.float64)
+    values = factor * np.array([features[feature.name] for features in measured], dtype=np.float64)
     shown = values if len(values) else factor * feature.edges[[0, -1]]
     low, high = float(shown.min()), float(shown.max())
     if feature.counts:
@@ -55,12 +55,12 @@ def cells_of(
 
 
 def choose_mapped(tests: Sequence[tuple[int, str, float | None]]) -> set[int]:
-    """Ids of the measured tests: all failures, and others evenly over the campaign.
+    """Return ids of the measured tests: all failures, and others evenly over the campaign.
 
     Of more than `MAPPED_FAILURES` failures, an even selection from the most severe on.
 
     Args:
-        tests: id, outcome and MOOBD of each, in the order of the results.
+        tests: id, outcome and MOOBD of each test, in the order of the results.
     """
     failed = sorted((row for row in tests if row[1] == Outcome.FAIL), key=_severity)
     failed = [failed[i] for i in evenly(len(failed), MAPPED_FAILURES)]
@@ -78,12 +78,12 @@ def map_section(
     tests: Sequence[TestSummary],
     cells: Mapping[Axis, Sequence[int | None]] = MappingProxyType({}),
 ) -> Section:
-    """The feature map.
+    """Return the feature map.
 
     Args:
-        measured: test -> the features of its segment, of those that have one.
-        tests: all of the campaign.
-        cells: axis of a condition or of roads -> the cell of each measured test, if it has one.
+        measured: test -> the features of the test's segment; tests without a segment are left out.
+        tests: all tests of the campaign.
+        cells: axis of a condition or of roads -> the cell of each measured test, or None.
     """
     title = "Feature map"
     if not measured:
@@ -103,7 +103,7 @@ def map_section(
             "bins": "".join(_BINS[place] for place in places.tolist()),
         }
         axes.append(axis)
-    axes += [_axis(axis, found) for axis, found in cells.items()]
+    axes += [_axis(axis, places) for axis, places in cells.items()]
     failed, passed = (
         [test.id in measured for test in tests if test.outcome is outcome and not test.is_repeat]
         for outcome in (Outcome.FAIL, Outcome.PASS)
@@ -118,17 +118,17 @@ def map_section(
         "all_failures": all(failed),
     }
     lead = (
-        "What road and drive are like from 30 m before to 30 m after the place that was worst;"
-        " choose a cell to see its roads."
+        "Features of road and drive from 30 m before to 30 m after the worst place. Choose a cell"
+        " to see its roads."
     )
     if not all_driven:
         mapped = f"{sum(failed)} of {len(failed)} failures, {sum(passed)} of {len(passed)} others"
-        lead += f" Mapped are {mapped}, evenly over the campaign."
-    return Section("map", title, (Part("featureMap", data),), lead)
+        lead += f" The map shows {mapped}, evenly over the campaign."
+    return Section("map", title, (DataBlock("featureMap", data),), lead)
 
 
 def _axis(axis: Axis, cells: Sequence[int | None]) -> dict[str, Any]:
-    """An axis of a condition or of roads."""
+    """Return an axis of a condition or of roads."""
     bins = "".join("." if cell is None else _BINS[cell] for cell in cells)
     return {
         "name": axis.name,

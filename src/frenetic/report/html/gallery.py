@@ -1,15 +1,15 @@
-"""The distinct failures, or the nearest misses, as pictures."""
+"""Section of a page: the distinct failures, or the nearest misses, as pictures."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence, Set
 from typing import Any
 
 from frenetic._support.words import capitalised, counted
 from frenetic.analysis.causes import in_words
 from frenetic.analysis.clusters import Clusters
 from frenetic.campaign.counts import Counts
-from frenetic.report.html.page import Part, Section, Table
+from frenetic.report.html.page import DataBlock, Section, Table
 from frenetic.report.html.tests import TestSummary
 from frenetic.rerun.rerun import Rerun, rerun_name
 from frenetic.rerun.stability import Repeats
@@ -20,77 +20,95 @@ def gallery_section(
     tests: Sequence[TestSummary],
     drives: Sequence[Mapping[str, Any]],
     counts: Counts,
-    again: Iterable[Repeats],
-    there: Iterable[Rerun],
+    repeats: Iterable[Repeats],
+    reruns: Iterable[Rerun],
     config: Mapping[str, Any],
 ) -> Section:
-    """The causes of failures, and the failures as pictures; the nearest misses without any.
+    """Return the causes and pictures of failures, or the nearest misses if nothing failed.
 
     Args:
         clusters: the distinct failures, or misses; an example of each cause comes first.
-        tests: all of the campaign.
-        drives: in the page, see `drive_data`.
-        counts: of all tests.
-        again: those failures that were driven again with the same parts.
-        there: the reruns in other simulators.
-        config: of the campaign.
+        tests: all tests of the campaign.
+        drives: drives in the page, see `drive_data`.
+        counts: counts of all tests.
+        repeats: failures that were driven again with the same parts.
+        reruns: the reruns in other simulators.
+        config: configuration of the campaign.
     """
-    shown = {drive["id"] for drive in drives}
-    moobds = {test.id: test.moobd or 0.0 for test in tests}
-    causes = {one.ids: cause for cause in clusters.causes for one in cause.clusters}
-    examples = [cause.example for cause in clusters.causes]
-
-    def order(id: int) -> tuple[bool, float, int]:  # noqa: A002
-        return id not in examples, moobds.get(id, 0.0), id
-
-    first = [clusters.of(example) for example in examples]
-    data: list[dict[str, Any]] = [
-        {
-            "most_severe": one.most_severe,
-            "size": len(one),
-            "shown": sorted((i for i in one.ids if i in shown), key=order),
-            "moobd": round(one.moobd, 3),
-            "side": one.side,
-            "first": min(one.ids),
-            "group": causes[one.ids].words if one.ids in causes else "",
-            "cause": "" if one.cause is None else in_words(*one.cause),
-            "was_known": one.was_known is True,
-        }
-        for one in dict.fromkeys([*first, *clusters])
-    ]
-    repeats = [
-        {
-            "test": one.id,
-            "stability": one.stability,
-            "share": one.share,
-            "low": round(one.interval[0], 4),
-            "high": round(one.interval[1], 4),
-            "text": f"{one}; {one.variations_text}",
-        }
-        for one in again
-        if one.stability is not None
-    ]
+    data = _cluster_data(clusters, tests, {drive["id"] for drive in drives})
     elsewhere = [
         {
             "test": test.id,
             "where": rerun_name(rerun, config),
             "text": f"{test.verdict}: {test.drives[0].reason}",
         }
-        for rerun in there
+        for rerun in reruns
         for test in rerun.tests
     ]
-    gallery = Part("gallery", {"clusters": data, "repeats": repeats, "elsewhere": elsewhere})
+    blocks = {"clusters": data, "repeats": _repeat_data(repeats), "elsewhere": elsewhere}
+    gallery = DataBlock("gallery", blocks)
     if counts.failed:
-        blocks = (_causes(clusters, drives), gallery) if examples else (gallery,)
-        return Section("failures", "Failures", blocks, _lead(clusters, counts.failures, data))
+        has_causes = bool(clusters.causes)
+        shown = (_causes(clusters, drives), gallery) if has_causes else (gallery,)
+        return Section("failures", "Failures", shown, _lead(clusters, counts.failures, data))
     lead = f"{capitalised(counts.broken) or 'No failure was found'}."
     if not data:
         return Section("failures", "Failures", (), lead)
     lead += (
-        " These tests passed and came nearest to failing, by MOOBD. Those that would be the same"
-        " problem are together."
+        " These tests passed and came nearest to failing, by MOOBD. Tests with the same problem are"
+        " together."
     )
     return Section("failures", "Nearest misses", (gallery,), lead)
+
+
+def _cluster_data(
+    clusters: Clusters, tests: Sequence[TestSummary], shown: Set[int]
+) -> list[dict[str, Any]]:
+    """Return the clusters for the script, first those with an example of a cause.
+
+    Args:
+        clusters: the distinct failures, or misses.
+        tests: all tests of the campaign.
+        shown: ids of the tests whose drives are in the page.
+    """
+    moobds = {test.id: test.moobd or 0.0 for test in tests}
+    causes = {cluster.ids: cause for cause in clusters.causes for cluster in cause.clusters}
+    examples = [cause.example for cause in clusters.causes]
+
+    def order(id: int) -> tuple[bool, float, int]:  # noqa: A002
+        return id not in examples, moobds.get(id, 0.0), id
+
+    first = [clusters.of(example) for example in examples]
+    return [
+        {
+            "most_severe": cluster.most_severe,
+            "size": len(cluster),
+            "shown": sorted((i for i in cluster.ids if i in shown), key=order),
+            "moobd": round(cluster.moobd, 3),
+            "side": cluster.side,
+            "first": min(cluster.ids),
+            "group": causes[cluster.ids].words if cluster.ids in causes else "",
+            "cause": "" if cluster.cause is None else in_words(*cluster.cause),
+            "was_known": cluster.was_known is True,
+        }
+        for cluster in dict.fromkeys([*first, *clusters])
+    ]
+
+
+def _repeat_data(repeats: Iterable[Repeats]) -> list[dict[str, Any]]:
+    """Return the judged repeats for the script."""
+    return [
+        {
+            "test": repeat.id,
+            "stability": repeat.stability,
+            "share": repeat.share,
+            "low": round(repeat.interval[0], 4),
+            "high": round(repeat.interval[1], 4),
+            "text": f"{repeat}; {repeat.variations_text}",
+        }
+        for repeat in repeats
+        if repeat.stability is not None
+    ]
 
 
 def _causes(clusters: Clusters, drives: Sequence[Mapping[str, Any]]) -> Table:
@@ -110,7 +128,7 @@ def _causes(clusters: Clusters, drives: Sequence[Mapping[str, Any]]) -> Table:
 
 
 def _road(drive: Mapping[str, Any]) -> str:
-    """How long the road of a drive was, and is."""
+    """Return the length of a drive's road, and to how much it was cut."""
     roads = [drive["road"], *([drive["minimised"]["drive"]["road"]] if drive["minimised"] else [])]
     return ": " + ", cut to ".join(
         f"{road['step'] * (len(road['curvatures']) - 1):.0f} m" for road in roads
@@ -120,19 +138,19 @@ def _road(drive: Mapping[str, Any]) -> str:
 def _lead(clusters: Clusters, failures: int, data: Sequence[Mapping[str, Any]]) -> str:
     lead = (
         f"{counted(len(clusters), 'distinct failure')} among {clusters.failures}, and what the"
-        " driver does wrong. Failures that are the same problem are together."
+        " driver does wrong. Failures with the same problem are together."
     )
-    for cluster, one in zip(clusters, data, strict=True):
-        if cluster.fault is not None and not one["shown"]:
+    for cluster, cluster_data in zip(clusters, data, strict=True):
+        if cluster.fault is not None and not cluster_data["shown"]:
             lead += (
                 f" The driver {cluster.fault} in {counted(len(cluster), 'drive')} that left no"
                 f" record, such as test {cluster.most_severe}."
             )
     if clusters.failures < failures:
-        lead += f" Compared were the {clusters.failures} most severe of {failures}."
-    there = sum(len(one["shown"]) for one in data)
-    if there < failures:
+        lead += f" Only the {clusters.failures} most severe of {failures} were compared."
+    here = sum(len(cluster_data["shown"]) for cluster_data in data)
+    if here < failures:
         lead += (
-            f" {there} of {failures} failures can be opened here; 'frenetic show' shows any other."
+            f" {here} of {failures} failures can be opened here; 'frenetic show' shows the others."
         )
     return lead

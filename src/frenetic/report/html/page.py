@@ -1,4 +1,4 @@
-"""A page from its data, sections of blocks: one self-contained HTML file.
+"""A page of sections with blocks, as one self-contained HTML file.
 
 Texts are plain: nothing in them is HTML.
 """
@@ -36,13 +36,13 @@ _SECTION_ID: Final = re.compile(r"[a-z][a-z0-9-]*")
 
 
 @dataclass(frozen=True)
-class Part:
-    """A block of our own pages."""
+class DataBlock:
+    """A block of our own pages, drawn from its data by a macro or by the script."""
 
     kind: str
-    """Name of what draws it: a macro of ``templates/blocks.html``, or a function of the script."""
+    """Name of a macro of ``templates/blocks.html``, or of a function of the script."""
     data: Mapping[str, Any]
-    """What is drawn: texts, numbers, and lists, mappings or dataclasses of them."""
+    """Texts, numbers, and lists, mappings or dataclasses of them."""
 
 
 @dataclass(frozen=True)
@@ -114,7 +114,7 @@ class Chart:
     """Id of the test that a click at each point of the first line opens, or none."""
 
 
-Block: TypeAlias = Part | Paragraph | Facts | Table | Chart
+Block: TypeAlias = DataBlock | Paragraph | Facts | Table | Chart
 
 
 @dataclass(frozen=True)
@@ -130,7 +130,7 @@ class Section:
 
 
 def made_by() -> str:
-    """The program and its version, for the foot of a page."""
+    """Return the program and its version, for the foot of a page."""
     try:
         return f"frenetic {version('frenetic-roads')}"
     except PackageNotFoundError:
@@ -146,11 +146,11 @@ class Report:
     made_by: str = field(default_factory=made_by)
     """The program and its version."""
     data: Mapping[str, Any] = field(default_factory=dict)
-    """What the script needs beside the blocks, see `campaign_report` and `animate`."""
+    """Data of the script beside the blocks, see `campaign_report` and `animate`."""
 
 
 def render(report: Report) -> str:
-    """The page: self-contained HTML that may load nothing.
+    """Return the page as self-contained HTML that loads nothing.
 
     Raises:
         ValueError: a section's id is invalid or not unique.
@@ -163,7 +163,7 @@ def render(report: Report) -> str:
                 " once"
             )
     blocks = [
-        {"kind": block.kind, **(block.data if isinstance(block, Part) else vars(block))}
+        {"kind": block.kind, **(block.data if isinstance(block, DataBlock) else vars(block))}
         for section in report.sections
         for block in section.blocks
         if block.kind in SCRIPTED
@@ -177,7 +177,7 @@ def render(report: Report) -> str:
             scripted=SCRIPTED,
             policy=_policy(script, style),
             style=Markup(style),  # noqa: S704  # our own
-            script=Markup(script),  # noqa: S704  # likewise
+            script=Markup(script),  # noqa: S704  # our own
             data=_island({**report.data, "title": report.title, "blocks": blocks}),
         )
     )
@@ -186,10 +186,10 @@ def render(report: Report) -> str:
 
 
 def write_page(report: Report, path: Path | str) -> Path:
-    """Writes a page whole or not at all.
+    """Write a page completely or not at all.
 
     Raises:
-        FreneticError: it cannot be written.
+        FreneticError: the file cannot be written.
     """
     path = Path(path)
     write_file(path, render(report), remedy="choose another place for the page")
@@ -197,7 +197,7 @@ def write_page(report: Report, path: Path | str) -> Path:
 
 
 def _island(data: Mapping[str, Any]) -> Markup:
-    """JSON whose texts cannot end a script element."""
+    """Return data as JSON whose texts cannot end a script element."""
     text = encode(data).decode()  # what is not finite is null
     for sign in "&<>\u2028\u2029":
         text = text.replace(sign, f"\\u{ord(sign):04x}")
@@ -205,7 +205,7 @@ def _island(data: Mapping[str, Any]) -> Markup:
 
 
 def _policy(script: str, style: str) -> str:
-    """A content security policy that allows this script and style and loads nothing."""
+    """Return a content security policy that allows this script and style and loads nothing."""
     script_src, style_src = (
         f"'sha256-{base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()}'"
         for text in (script, style)
@@ -229,9 +229,9 @@ def _templates() -> Environment:
 
 @cache
 def _assets(*, is_replay: bool) -> tuple[str, str]:
-    """The page's script and its style, with the library that draws charts (uPlot, MIT)."""
-    own = "\n".join(map(_text, REPLAY_SCRIPTS if is_replay else SCRIPTS))
-    script, style = f'"use strict";\n(() => {{\n{own}\n}})();\n', _text("report.css")
+    """Return the page's script and style, with the library that draws charts (uPlot, MIT)."""
+    scripts = "\n".join(map(_text, REPLAY_SCRIPTS if is_replay else SCRIPTS))
+    script, style = f'"use strict";\n(() => {{\n{scripts}\n}})();\n', _text("report.css")
     if not is_replay:
         script = f"{_text('uPlot.iife.min.js')}\n{script}"
         style = f"{_text('uPlot.min.css')}\n{style}"
@@ -247,16 +247,16 @@ def _text(name: str) -> str:
 # Numbers for people
 
 
-def command(line: str, text: str) -> Part:
-    """A command line that can be copied, and its effect."""
-    return Part("command", {"line": line, "text": text})
+def command(line: str, text: str) -> DataBlock:
+    """Return a block with a command line to copy, and the effect of the command."""
+    return DataBlock("command", {"line": line, "text": text})
 
 
 def percent(share: float) -> str:
-    """A share 0..1 in percent, in the form of a page's texts."""
+    """Return a share 0..1 in percent, in the form of a page's texts."""
     return f"{100.0 * share:.1f}\u00a0%"
 
 
 def proper(text: str) -> str:
-    """A text whose negative numbers have a proper minus sign."""
+    """Return a text with proper minus signs before negative numbers."""
     return re.sub(r"(?<!\w)-(?=\d)", "−", text)

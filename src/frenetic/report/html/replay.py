@@ -37,10 +37,10 @@ class Replay:
         )
 
     def write(self, path: Path | str) -> Path:
-        """Writes the page whole or not at all.
+        """Write the page completely or not at all.
 
         Raises:
-            FreneticError: it cannot be written.
+            FreneticError: the file cannot be written.
         """
         path = Path(path)
         write_file(path, self.page, remedy="choose another place for the replay")
@@ -55,15 +55,15 @@ class Replay:
 
 
 def animate(thing: Drive | Test, *, road: Road | None = None) -> Replay:
-    """The replay of a drive, or of a test's: from above, close up, and along the road.
+    """Return the replay of a drive or of a test's drive: from above, close up, along the road.
 
     Args:
         thing: the drive or test.
-        road: that was driven, for a drive that does not know it.
+        road: the driven road, for a drive that does not know it.
 
     Raises:
         ValueError: the drive does not know its road or has no records, or the test has no drive.
-        CampaignError: the test's campaign does not record with what it was driven.
+        CampaignError: the test's campaign does not record the parts that drove it.
     """
     test = thing if isinstance(thing, Test) else None
     drive = thing.drive if isinstance(thing, Test) else thing
@@ -72,9 +72,9 @@ def animate(thing: Drive | Test, *, road: Road | None = None) -> Replay:
             f"the drive of {thing!r} is missing: it was not driven, or was read without trajectory"
         )
     road = road_of(drive, road)
-    seen = look(road, drive)
-    result = seen.result if test is None else test.result
-    segment = segment_of(road, seen.drive, result.finding)
+    judged = look(road, drive)
+    result = judged.result if test is None else test.result
+    segment = segment_of(road, judged.drive, result.finding)
     title = "Drive" if test is None else f"Test {test.id}"
     number = 0 if test is None else test.id
     data = {

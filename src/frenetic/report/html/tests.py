@@ -1,4 +1,4 @@
-"""The tests of a page: all as columns, and the drives of some, for showing and replaying."""
+"""The tests of a page: a table of all tests, and some drives for replays."""
 
 from __future__ import annotations
 
@@ -27,9 +27,9 @@ from frenetic.search.random_search import RANDOM
 from frenetic.search.records import Origin
 
 RATE: Final = 10.0
-"""Kept records of a drive per second, in Hz."""
+"""Rate of a drive's records in a page, in Hz."""
 MOST_RECORDS: Final = 1500
-"""Most kept records of a drive."""
+"""Most records of a drive in a page."""
 
 COLUMNS: Final[Mapping[str, float]] = {
     "time": 0.01,  # [s]
@@ -49,7 +49,7 @@ COLUMNS: Final[Mapping[str, float]] = {
 
 @dataclass(frozen=True, slots=True)
 class TestSummary:
-    """The data of any test for a page."""
+    """Data of a test for a page."""
 
     __test__: ClassVar[bool] = False  # no test class of pytest's
 
@@ -73,7 +73,7 @@ class TestSummary:
 
     @classmethod
     def of(cls, record: Test, *, is_repeat: bool = False) -> TestSummary:
-        """The summary of a stored test."""
+        """Return the summary of a stored test."""
         candidate, departure = record.candidate, record.departure
         return cls(
             candidate.id,
@@ -91,7 +91,7 @@ class TestSummary:
 
 
 def table_of(tests: Iterable[TestSummary]) -> dict[str, list[Any]]:
-    """Columns of equal length, a row per test."""
+    """Return columns of equal length, a row per test."""
     rows = list(tests)
     return {
         "id": [test.id for test in rows],
@@ -106,21 +106,21 @@ def table_of(tests: Iterable[TestSummary]) -> dict[str, list[Any]]:
 
 @dataclass(frozen=True)
 class Film:
-    """Pictures that are shown beside a drive's replay."""
+    """Pictures beside a drive's replay."""
 
     pictures: str
     """All pictures as one image, `columns` beside each other, as a data URL."""
     columns: int
     width: int
-    """Width of one of them."""
+    """Width of a picture."""
     height: int
     times: tuple[float, ...]
-    """Time of each since the drive's start, in s."""
+    """Time of each picture since the drive's start, in s."""
     caption: str
 
 
 def road_data(road: Road) -> dict[str, Any]:
-    """A road as its curvatures, which give its shape: its end moves by less than 5 cm.
+    """Return a road as its curvatures, rounded so that its end moves by less than 5 cm.
 
     ``turn`` is the angle in rad by which pictures turn it counter-clockwise, see `turn_of`. Of its
     profiles it has those that are not 0 everywhere.
@@ -143,13 +143,13 @@ def drive_data(
     segment: Segment,
     origin: Origin | None = None,
 ) -> dict[str, Any]:
-    """A test with its road and its drive, in SI units, a few kilobytes of JSON.
+    """Return a test with its road and its drive, in SI units, a few kilobytes of JSON.
 
     Args:
-        id: of the test.
-        result: of the drive.
-        segment: of the drive, any.
-        origin: of the candidate.
+        id: id of the test.
+        result: result of the drive.
+        segment: any segment of the drive.
+        origin: origin of the candidate.
     """
     drive, road, departure = segment.drive, segment.road, result.departure
     car = drive.car
@@ -173,11 +173,14 @@ def drive_data(
         },
         "breaches": [
             {
-                "words": breach_in_words([one], drive.rules.criteria),
-                **{name: round(getattr(one, name), 3) for name in ("time", "distance", "x", "y")},
+                "words": breach_in_words([finding], drive.rules.criteria),
+                **{
+                    name: round(getattr(finding, name), 3)
+                    for name in ("time", "distance", "x", "y")
+                },
             }
-            for one in result.findings
-            if one.criterion not in (LANE, DRIVER)
+            for finding in result.findings
+            if finding.criterion not in (LANE, DRIVER)
         ],
         "kept": _kept(result, segment),
         "columns": drive_columns(drive.trajectory, segment.assessment),
@@ -194,7 +197,7 @@ def _origin_in_words(origin: Origin) -> str:
 
 
 def _kept(result: Result, segment: Segment) -> list[str]:
-    """The criteria that a drive kept, with the worst values, in words."""
+    """Return the criteria that a drive kept, with the worst values, in words."""
     if not result.outcome.is_driven:
         return []
     exceeded = {finding.criterion for finding in result.findings}
@@ -208,10 +211,10 @@ def _kept(result: Result, segment: Segment) -> list[str]:
 
 
 def files_of(test_id: int, store: CampaignStore) -> dict[str, Any]:
-    """What a campaign's folder holds of a test now: its road's file, its minimised road's drive."""
+    """Return a test's files in a campaign's folder: its road, and its minimised road's drive."""
     name = f"{file_stem(test_id)}.json"
-    there = (store.folder / FAILURES / name).is_file()
-    road_file = f"{FAILURES}/{name}" if there else None
+    has_file = (store.folder / FAILURES / name).is_file()
+    road_file = f"{FAILURES}/{name}" if has_file else None
     data: dict[str, Any] = {"road_file": road_file, "minimised": None}
     for short in minimised_drives(store, [test_id]).values():
         if (segment := segment_of_test(short)) is not None:
@@ -220,20 +223,20 @@ def files_of(test_id: int, store: CampaignStore) -> dict[str, Any]:
     return data
 
 
-def drive_columns(path: Trajectory, seen: Assessment) -> list[list[int]]:
-    """The columns of `COLUMNS` in multiples of their resolution, as second differences."""
-    n = len(seen.distance)
-    taken = _taken(path.time[:n], int(np.argmin(seen.oob_distance)))
+def drive_columns(path: Trajectory, assessment: Assessment) -> list[list[int]]:
+    """Return `COLUMNS` of a drive in multiples of their resolution, as second differences."""
+    n = len(assessment.distance)
+    taken = _taken(path.time[:n], int(np.argmin(assessment.oob_distance)))
     columns = []
     for name, resolution in COLUMNS.items():
-        values: FloatArray = getattr(path if hasattr(path, name) else seen, name)
+        values: FloatArray = getattr(path if hasattr(path, name) else assessment, name)
         whole = np.rint(values[:n][taken] / resolution).astype(np.int64)
         columns.append(np.diff(whole, n=2, prepend=[0, 0]).tolist())
     return columns
 
 
 def _taken(time: FloatArray, worst: int) -> np.ndarray:
-    """Kept records, (k,): at `RATE`, the last, and that of the minimum oob distance."""
+    """Return indices of records, (k,): at `RATE`, at the least oob distance, and the last."""
     interval = max(1.0 / RATE, float(time[-1] - time[0]) / MOST_RECORDS)
     ticks = np.floor((time - time[0]) / interval + 1e-6)
     first = np.flatnonzero(np.diff(ticks, prepend=-1.0))

@@ -1,4 +1,4 @@
-"""Failures over simulations, beside the random expectation."""
+"""Section of a page: failures over simulations, beside the random expectation."""
 
 from __future__ import annotations
 
@@ -20,16 +20,16 @@ EXPECTED: Final = "failures if all roads were random"
 
 
 def timeline_section(tests: Sequence[TestSummary], clusters: Clusters) -> Section:
-    """Failures over simulations; a section without blocks if nothing was tested."""
+    """Return failures over simulations; a section without blocks if nothing was tested."""
     chart = timeline_of(tests, clusters)
     blocks, lead = ((), "Nothing was tested yet.") if chart is None else ((chart,), "")
     return Section("time", "Failures over simulations", blocks, lead)
 
 
 def timeline_of(tests: Sequence[TestSummary], clusters: Clusters) -> Chart | None:
-    """Failures over simulations; None if nothing was tested.
+    """Return failures over simulations; None if nothing was tested.
 
-    Random expectation: the share of the random roads that failed goes on over all simulations.
+    The random expectation continues the failing share of the random roads over all simulations.
     """
     tested = [test for test in tests if test.outcome.is_test]
     if not tested:
@@ -57,19 +57,21 @@ def timeline_of(tests: Sequence[TestSummary], clusters: Clusters) -> Chart | Non
     ]
     caption = (
         f"Distinct failures: failures that differ by up to {clusters.threshold:g} m are the same"
-        " problem; the curve rises with the first failure of each."
+        " problem; the curve counts each problem from its first failure on."
     )
     if clusters.failures < failed.sum():
-        caption += f" Compared were the {clusters.failures} most severe of {failed.sum()} failures."
+        caption += (
+            f" Only the {clusters.failures} most severe of {failed.sum()} failures were compared."
+        )
     if drawn := int((driven & random & is_first).sum()):
-        found = int((failed & random).sum())
-        low, high = proportion_interval(found, drawn)
-        middle, least, most = (_floats(s * simulations, 2) for s in (found / drawn, low, high))
+        failing = int((failed & random).sum())
+        low, high = proportion_interval(failing, drawn)
+        middle, least, most = (_floats(s * simulations, 2) for s in (failing / drawn, low, high))
         look: Any = {"role": "fail", "dashed": True, "width": 1.5}
         lines.append(Series(EXPECTED, across, middle, least, most, **look))
         caption = (
-            f"Random expectation: {found} of the {drawn} random roads that were driven failed"
-            f" ({percent(found / drawn)}). The dashed line continues that share over all"
+            f"Random expectation: {failing} of the {drawn} random roads that were driven failed"
+            f" ({percent(failing / drawn)}). The dashed line continues that share over all"
             f" simulations, the band its 95 % Wilson interval, {percent(low)} to {percent(high)}."
             f" {caption}"
         )
