@@ -40,7 +40,7 @@ CALLS: Final = {
     "show c 1": "id test_outcome moobd description driven driver rules curvatures step picture",
     "report c": "report",
     "check c": f"{COUNTS} folder findings outstanding trajectories bytes",
-    "export c --format csv": "folder format outcomes",
+    "export c --format competition": "folder format outcomes",
     "rerun c --top 1 --times 2": (
         "campaign folder driver simulator variations passed same missing changes matches tests"
     ),

@@ -28,6 +28,8 @@ from frenetic.simulators import Rules, Simulator
 from frenetic.testing import SimulatorContract
 from frenetic.vision.marking_follower import MarkingFollower
 
+pytestmark = pytest.mark.heavy
+
 
 class TestMetaDrive(SimulatorContract):
     def make(self, rules: Rules) -> Simulator:
