@@ -189,7 +189,7 @@ def _whoever_calls(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
 
 @pytest.fixture(scope="session")
 def endurance(request: pytest.FixtureRequest) -> bool:
-    """Whether a test is to run in full: `pytest -m endurance`; else in a short form."""
+    """Whether a test is to run in full: `pytest --all -m endurance`; else in a short form."""
     return "endurance" in str(request.config.getoption("markexpr"))
 
 

@@ -186,7 +186,7 @@ def test_code_runs_and_prints_what_the_page_shows(
     pages: list[Path], interpreter: Interpreter, tmp_path: Path, pytestconfig: pytest.Config
 ) -> None:
     images, made = ROOT / "docs" / "images", Made()
-    anew = "pytest tests/test_docs.py --write-outputs"
+    anew = "pytest --all tests/test_docs.py --write-outputs"
     for page in pages:
         folder, pictures = tmp_path / page.stem, PICTURES.get(page.name, {})
         folder.mkdir()
