@@ -48,7 +48,11 @@ LINES = (
 )
 
 
-@pytest.mark.parametrize("gone", [GUESTS, *((guest,) for guest in GUESTS)], ids="-".join)
+@pytest.mark.parametrize(
+    "gone",
+    [GUESTS, *(pytest.param((guest,), marks=pytest.mark.heavy) for guest in GUESTS)],
+    ids="-".join,
+)
 def test_the_core_works_without_a_guest(gone: tuple[str, ...], tmp_path: Path) -> None:
     """With all of them away it drives; each alone is missed by nothing that is imported."""
     names, lines = tuple(f"frenetic.{one}" for one in gone), LINES if gone is GUESTS else HELP

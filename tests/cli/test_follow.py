@@ -134,6 +134,7 @@ def test_news_is_printed_once(
     assert "status     gave up" in out
 
 
+@pytest.mark.heavy
 @pytest.mark.skipif(sys.platform == "win32", reason="needs a POSIX terminal")
 def test_on_a_terminal_there_is_one_line_that_changes(tmp_path: Path) -> None:
     import pty

@@ -297,7 +297,7 @@ class Slow(Planner):
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="signals are sent as on POSIX here")
-@pytest.mark.parametrize("name", ["SIGTERM", "SIGHUP"])
+@pytest.mark.parametrize("name", ["SIGTERM", pytest.param("SIGHUP", marks=pytest.mark.heavy)])
 def test_a_signal_to_the_whole_group_is_no_failure_of_the_driver(tmp_path: Path, name: str) -> None:
     """A terminal that is closed tells all processes of its group, those that make workers, too."""
     (tmp_path / "slow.py").write_text(SLOW)
