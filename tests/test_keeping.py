@@ -111,6 +111,7 @@ def test_time_ends_a_search_with_a_notice(tmp_path: Path) -> None:
     NOTICES.clear()
 
 
+@pytest.mark.heavy
 def test_fixtures_parameters_marks_and_workers(interpreter: Interpreter, tmp_path: Path) -> None:
     text = """
 @pytest.fixture
@@ -214,16 +215,16 @@ def test_tests_whose_ids_differ_in_signs_or_case_remember_roads_apart(
 ) -> None:
     text = """
 @pytest.mark.parametrize("gain", [1.0, -1.0])
-@keeps_lane(simulations=60)
+@keeps_lane(simulations=20)
 def test_sign(gain):
     return planted.WrongSign() if gain < 0.0 else planted.Sound()
 
 class TestFast:
-    @keeps_lane(simulations=60)
+    @keeps_lane(simulations=20)
     def test_it(self): return planted.WrongSign()
 
 class Testfast:
-    @keeps_lane(simulations=60)
+    @keeps_lane(simulations=20)
     def test_it(self): return planted.Sound()
 """
     first, second = (run_pytest(interpreter, tmp_path, text, "-rfp") for _ in range(2))

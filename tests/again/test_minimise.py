@@ -120,6 +120,7 @@ def difference(one: Test, other: Test) -> float:
     return float(np.linalg.norm(vectors[0] - vectors[1]))
 
 
+@pytest.mark.heavy
 @pytest.mark.endurance
 def test_failures_become_half_as_long_and_stay_the_same_failure(failures: list[Road]) -> None:
     shares = []

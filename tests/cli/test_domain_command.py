@@ -80,6 +80,7 @@ def test_a_domain_is_searched_shown_and_driven_again(frenetic: Frenetic, path: P
     assert small["conditions"]["friction"] >= friction
 
 
+@pytest.mark.heavy
 def test_failures_in_a_domain_are_driven_again_and_compared(frenetic: Frenetic, path: Path) -> None:
     frenetic("run", "--odd", str(path), "--simulations", "40", "--seed", "1", "--out", "c")
     number = str(frenetic("show", "c", "--outcome", "fail", "--json").json["listed"][0]["id"])

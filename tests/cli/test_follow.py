@@ -103,6 +103,7 @@ def test_it_follows_until_the_campaign_finishes(tmp_path: Path) -> None:
     assert (process.returncode, err) == (0, "")
 
 
+@pytest.mark.heavy
 @pytest.mark.skipif(sys.platform == "win32", reason="Ctrl-C is sent by a POSIX signal here")
 def test_ctrl_c_leaves_and_the_campaign_goes_on(tmp_path: Path) -> None:
     with paced(tmp_path) as running:

@@ -138,6 +138,7 @@ class Score:
         self.oob_distance = oob_distance
 
 
+@pytest.mark.heavy
 def test_verdicts_and_traces_reach_the_search(caplog: pytest.LogCaptureFixture) -> None:
     def answer(test: RoadTest) -> Any:
         return driven(test, "FAIL", 1.5, 0.4, -1.25, 0.3) if test.id % 2 else passed(test)
@@ -167,6 +168,7 @@ def test_verdicts_and_traces_reach_the_search(caplog: pytest.LogCaptureFixture) 
     assert not complaints(caplog)
 
 
+@pytest.mark.heavy
 def test_seed_options_and_map_come_from_outside_also_of_a_strategy_of_ones_own(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
@@ -221,6 +223,7 @@ MIXED: dict[str, Callable[[RoadTest], Any]] = {
 }
 
 
+@pytest.mark.heavy
 def test_the_search_goes_on_whatever_comes_back(caplog: pytest.LogCaptureFixture) -> None:
     odd = [*ODD.values(), *MIXED.values()]
 
@@ -245,6 +248,7 @@ def test_an_executor_that_only_raises_is_given_up(caplog: pytest.LogCaptureFixtu
     assert complaints(caplog)[-1].startswith("the executor raised 100 times in a row")
 
 
+@pytest.mark.heavy
 def test_a_clock_that_says_nothing_for_a_while(caplog: pytest.LogCaptureFixture) -> None:
     class Clockless(Executor2022):
         readings = itertools.chain([None, "soon", {}, {"time-budget": None}, math.nan])
@@ -323,6 +327,7 @@ def test_outside_the_pipeline_one_line_says_so(monkeypatch: pytest.MonkeyPatch) 
         run_2022(Frenetic, Executor2022(tests=1))
 
 
+@pytest.mark.heavy
 @pytest.mark.skipif(sys.platform == "win32", reason="its programs are no scripts")
 def test_the_command_is_found_on_the_path_or_in_this_interpreter(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch

@@ -184,7 +184,9 @@ def test_run_show_and_report_say_what_foresight_came_to(frenetic: Command) -> No
         (("--map-size", "150"), {}, "map size 200, not 150"),
         (("--criteria", "oob_tolerance=0.5"), {}, "oob tolerance 0.95, not 0.5"),
         ((), {"driver": "nobody"}, "nobody"),
-        ((), {"driver": "highway-env"}, "no driver for a twin"),
+        pytest.param(
+            (), {"driver": "highway-env"}, "no driver for a twin", marks=pytest.mark.heavy
+        ),
         ((), {"driver": "planner,courage=3"}, "courage"),
         ((), {"oob_tolerance": 2}, "oob_tolerance"),
         ((), {"with": {"noise": 0.1}}, "a layer noise, which nobody fitted"),
