@@ -64,7 +64,10 @@ def told_of(driver: str, folder: Path, **options: int) -> str:
     return ""
 
 
-@pytest.mark.parametrize("driver", PLANTED)
+@pytest.mark.parametrize(
+    "driver",
+    ["BrakesLate", "Raises", pytest.param("Unrepeatable", marks=pytest.mark.heavy), "Sound"],
+)
 def test_each_planted_fault_fails_with_its_cause(driver: str, tmp_path: Path) -> None:
     told, cause = told_of(driver, tmp_path), PLANTED[driver]
     if cause is None:
@@ -89,6 +92,7 @@ def test_each_planted_fault_fails_with_its_cause(driver: str, tmp_path: Path) ->
     assert sorted((tmp_path / FOLDER).glob("*.json")) == files
 
 
+@pytest.mark.heavy
 def test_the_same_seed_says_the_same_and_a_mended_driver_passes(tmp_path: Path) -> None:
     for name in "ab":
         (tmp_path / name).mkdir()

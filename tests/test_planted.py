@@ -36,6 +36,7 @@ HEAVY = {
     planted.Lagging,
     planted.Limited,
     planted.CutsBends,
+    planted.Raises,
     planted.Stops,
 }
 SHARE = 0.6

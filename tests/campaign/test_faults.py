@@ -248,6 +248,7 @@ def test_ctrl_c_finishes_what_runs(tmp_path: Path, marks: Marks) -> None:
     assert len(marks.numbers("end")) == 2  # the simulators were ended in peace
 
 
+@pytest.mark.heavy
 @posix_only
 def test_ctrl_c_twice_leaves_at_once_and_loses_nothing(tmp_path: Path, marks: Marks) -> None:
     with Running(tmp_path, marks, "after=5", "deed=start_process") as running:

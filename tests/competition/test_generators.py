@@ -97,8 +97,20 @@ def complaints(log: pytest.LogCaptureFixture) -> list[str]:
     ("generator", "strategy", "executor", "run"),
     [
         (Frenetic, search.Frenetic(seed=5), Executor2022, run_2022),
-        (Frenetic2021, search.Frenetic2021(seed=5, max_redraws=0), Executor2021, run_2021),
-        (RandomSearch, search.RandomSearch(seed=5), ExecutorOfTwoBudgets, run_2022),
+        pytest.param(
+            Frenetic2021,
+            search.Frenetic2021(seed=5, max_redraws=0),
+            Executor2021,
+            run_2021,
+            marks=pytest.mark.heavy,
+        ),
+        pytest.param(
+            RandomSearch,
+            search.RandomSearch(seed=5),
+            ExecutorOfTwoBudgets,
+            run_2022,
+            marks=pytest.mark.heavy,
+        ),
     ],
 )
 def test_the_roads_are_those_of_the_search_itself_when_told_the_same(
@@ -241,6 +253,7 @@ def test_the_search_goes_on_whatever_comes_back(caplog: pytest.LogCaptureFixture
     assert len(complaints(caplog)) == len(ODD)
 
 
+@pytest.mark.heavy
 def test_an_executor_that_only_raises_is_given_up(caplog: pytest.LogCaptureFixture) -> None:
     executor = Executor2022(tests=10**6, answer=raising)
     run_2022(RandomSearch, executor)
@@ -274,6 +287,7 @@ def test_a_clock_that_says_nothing_for_a_while(caplog: pytest.LogCaptureFixture)
     assert len(silent) == 1
 
 
+@pytest.mark.heavy
 def test_the_end_of_the_process_passes_through(caplog: pytest.LogCaptureFixture) -> None:
     executor = Executor2022(
         tests=9, answer=lambda test: sys.exit(123) if test.id == 7 else passed(test)
