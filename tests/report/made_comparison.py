@@ -6,7 +6,6 @@ import math
 from pathlib import Path
 
 import numpy as np
-import pytest
 
 from frenetic.analysis.comparison import Comparison, compare_measured
 from frenetic.analysis.metrics import CampaignMeasures
@@ -40,9 +39,9 @@ def made(folder: Path, **groups: list[int]) -> Comparison:
 LOW, HIGH = [1, 2, 3, 4, 5], [11, 12, 13, 14, 15]
 
 
-@pytest.fixture
-def three(tmp_path: Path) -> Comparison:
+def three_groups(folder: Path) -> Comparison:
+    """Compare groups called low, high and never; two of their campaigns have a report."""
     for name in ("high-0", "low-1"):
-        (tmp_path / name).mkdir()
-        (tmp_path / name / "report.html").write_text("<!doctype html><title>x</title>")
-    return made(tmp_path, low=LOW, high=HIGH, never=[0] * 5)
+        (folder / name).mkdir()
+        (folder / name / "report.html").write_text("<!doctype html><title>x</title>")
+    return made(folder, low=LOW, high=HIGH, never=[0] * 5)

@@ -6,13 +6,16 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from made_comparison import campaign, made
+from made_comparison import campaign, made, three_groups
 
 from frenetic.analysis.comparison import Comparison, compare_measured
 from frenetic.errors import FreneticError
 from frenetic.report.html.comparison import POINTS, comparison_report, write_comparison_page
 
-pytest_plugins = ["made_comparison"]
+
+@pytest.fixture
+def three(tmp_path: Path) -> Comparison:
+    return three_groups(tmp_path)
 
 
 def blocks_of(comparison: Comparison, folder: Path) -> dict[str, list[Any]]:

@@ -8,14 +8,19 @@ from pathlib import Path
 import pytest
 from html_browser import background, low_contrast
 from html_campaigns import HOSTILE
-from made_comparison import HIGH, LOW, campaign, made
+from made_comparison import HIGH, LOW, campaign, made, three_groups
 from playwright.sync_api import Page, expect
 
 from frenetic.analysis.comparison import Comparison, compare_measured
 from frenetic.report.html.comparison import write_comparison_page
 
-pytest_plugins = ["browsing", "made_comparison"]
+pytest_plugins = ["browsing"]
 pytestmark = pytest.mark.heavy
+
+
+@pytest.fixture
+def three(tmp_path: Path) -> Comparison:
+    return three_groups(tmp_path)
 
 
 @pytest.fixture
