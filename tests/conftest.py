@@ -5,11 +5,12 @@ from __future__ import annotations
 import gc
 import math
 import os
+import re
 import signal
 import subprocess
 import sys
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -34,12 +35,48 @@ CALLERS = (
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
+    parser.addoption("--all", action="store_true", help="run heavy tests, too: needs .[test-all]")
     parser.addoption(
         "--keep-durations", action="store_true", help=f"write s per file to tests/{DURATIONS.name}"
     )
     parser.addoption(
         "--write-outputs", action="store_true", help="write what its code prints into each page"
     )
+
+
+# Heavy tests
+
+HEAVY = "heavy, run by pytest --all"
+"""Reason to skip a test that is marked so."""
+HEAVY_FILE = re.compile(r"^pytestmark = .*\bheavy\b", re.MULTILINE)
+"""Line of a file all of whose tests are heavy."""
+
+
+def pytest_runtest_setup(item: pytest.Item) -> None:
+    if item.get_closest_marker("heavy") and not item.config.getoption("--all"):
+        pytest.skip(HEAVY)
+
+
+class TestFile(pytest.Module):
+    """Test file; without `--all`, a heavy one whose packages are not installed is skipped."""
+
+    def collect(self) -> Iterable[pytest.Item | pytest.Collector]:
+        try:
+            return super().collect()
+        except (ImportError, self.CollectError) as error:
+            missing = error.__cause__
+            is_heavy = HEAVY_FILE.search(self.path.read_text(encoding="utf-8"))
+            if (
+                self.config.getoption("--all")
+                or not is_heavy
+                or not isinstance(missing, ModuleNotFoundError)
+            ):
+                raise
+            pytest.skip(f"{HEAVY}: {missing.name} is not installed", allow_module_level=True)
+
+
+def pytest_pycollect_makemodule(module_path: Path, parent: pytest.Collector) -> pytest.Module:
+    return TestFile.from_parent(parent, path=module_path)
 
 
 # On every core
@@ -152,7 +189,7 @@ def _whoever_calls(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
 
 @pytest.fixture(scope="session")
 def endurance(request: pytest.FixtureRequest) -> bool:
-    """Whether a test is to run in full: `pytest -m endurance`; else in a short form."""
+    """Whether a test is to run in full: `pytest --all -m endurance`; else in a short form."""
     return "endurance" in str(request.config.getoption("markexpr"))
 
 

@@ -180,12 +180,13 @@ GROUPS = [[page for page in PAGES if page.name in names] for names in TOGETHER]
 GROUPS += [[page] for page in PAGES if not any(page in group for group in GROUPS)]
 
 
+@pytest.mark.heavy
 @pytest.mark.parametrize("pages", GROUPS, ids=lambda pages: pages[0].name)
 def test_code_runs_and_prints_what_the_page_shows(
     pages: list[Path], interpreter: Interpreter, tmp_path: Path, pytestconfig: pytest.Config
 ) -> None:
     images, made = ROOT / "docs" / "images", Made()
-    anew = "pytest tests/test_docs.py --write-outputs"
+    anew = "pytest --all tests/test_docs.py --write-outputs"
     for page in pages:
         folder, pictures = tmp_path / page.stem, PICTURES.get(page.name, {})
         folder.mkdir()
@@ -283,6 +284,7 @@ PASTED = ["pytest.md", "embedded-simulator.md"]
 """Pages that the short form pastes: code, commands and tests that fail, without a search."""
 
 
+@pytest.mark.heavy
 @pytest.mark.endurance
 def test_all_pages_of_the_site_run_one_after_the_other_in_one_folder(
     tmp_path: Path, endurance: bool
@@ -345,6 +347,7 @@ def shown(notebook: dict[str, Any]) -> list[tuple[str, list[str], list[str]]]:
     ]
 
 
+@pytest.mark.heavy
 def test_the_notebook_runs_and_holds_what_it_shows(tmp_path: Path) -> None:
     text = NOTEBOOK.read_text(encoding="utf-8")
     stored = json.loads(text)

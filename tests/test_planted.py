@@ -32,11 +32,26 @@ CAUSES: dict[type[planted.Sound], Kind | str] = {
     planted.Unrepeatable: "",  # any
     planted.Sound: "",  # none
 }
+HEAVY = {
+    planted.BrakesLate,
+    planted.ShortWheelbase,
+    planted.Lagging,
+    planted.Limited,
+    planted.CutsBends,
+    planted.Raises,
+    planted.Stops,
+}
 SHARE = 0.6
 """Least share of the failures that have the planted cause."""
 
 
-@pytest.mark.parametrize("driver", CAUSES)
+@pytest.mark.parametrize(
+    "driver",
+    [
+        pytest.param(driver, marks=pytest.mark.heavy) if driver in HEAVY else driver
+        for driver in CAUSES
+    ],
+)
 def test_the_planted_cause_is_named(driver: type[planted.Sound], tmp_path: Path) -> None:
     campaign = Campaign(
         strategy=Frenetic(seed=1),

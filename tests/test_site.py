@@ -22,6 +22,7 @@ from playwright.sync_api import Browser
 import frenetic
 
 pytest_plugins = ["browsing"]
+pytestmark = pytest.mark.heavy
 
 ROOT = Path(__file__).parent.parent
 ELSEWHERE = r"[\"']?((?:https?:)?//[^\"' >)]+)"

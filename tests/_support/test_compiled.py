@@ -121,6 +121,7 @@ def test_who_never_gets_a_turn_does_without(folder: Path, error: str) -> None:
         assert alone.communicate()[0] == "10.0 10.0\n"
 
 
+@pytest.mark.heavy
 def test_one_that_is_killed_while_it_compiles_hurts_nobody(folder: Path) -> None:
     with start(folder, SLOW) as slow:
         assert slow.stdout

@@ -77,6 +77,7 @@ def test_a_second_process_is_refused(tmp_path: Path) -> None:
 # Disks
 
 
+@pytest.mark.heavy
 @posix_only
 def test_a_full_disk_loses_nothing_and_the_campaign_goes_on(tmp_path: Path) -> None:
     """It is a file system of its own."""
@@ -248,6 +249,7 @@ def test_ctrl_c_lets_running_tests_finish(tmp_path: Path, marks: Marks) -> None:
     assert len(marks.numbers("end")) == 2  # the simulators were ended in peace
 
 
+@pytest.mark.heavy
 @posix_only
 def test_ctrl_c_twice_leaves_at_once_and_loses_nothing(tmp_path: Path, marks: Marks) -> None:
     with Running(tmp_path, marks, "after=5", "deed=start_process") as running:
@@ -263,6 +265,7 @@ def test_ctrl_c_twice_leaves_at_once_and_loses_nothing(tmp_path: Path, marks: Ma
     assert f"Interrupted: {results} simulation" in running.out.read_text()
 
 
+@pytest.mark.heavy
 @posix_only
 def test_ctrl_c_while_simulators_start(tmp_path: Path, marks: Marks) -> None:
     with Running(tmp_path, marks, "at=starting") as running:
@@ -272,6 +275,7 @@ def test_ctrl_c_while_simulators_start(tmp_path: Path, marks: Marks) -> None:
     assert stored(running.folder) == 0
 
 
+@pytest.mark.heavy
 @pytest.mark.skipif(sys.platform != "linux", reason="workers are forked from a server there only")
 @pytest.mark.parametrize(
     ("simulator", "presses", "loaded"), [("embedded", 2, "numpy"), ("", 1, "python")]
@@ -301,6 +305,7 @@ def test_ctrl_c_while_the_server_of_the_workers_starts(
     assert stored(running.folder) == 0
 
 
+@pytest.mark.heavy
 @posix_only
 def test_workers_of_a_killed_campaign_end_with_all_they_started(
     tmp_path: Path, marks: Marks

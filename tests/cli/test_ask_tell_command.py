@@ -219,6 +219,7 @@ def test_killed_it_goes_on_with_the_same_roads(tmp_path: Path) -> None:
     assert roads["part"] == roads["whole"]
 
 
+@pytest.mark.heavy
 def test_what_was_told_before_an_older_road_survives_a_kill(tmp_path: Path) -> None:
     folder, options = tmp_path / "told", ("--seed", "5", "--simulations", "20")
     client = Client(folder, *options)
@@ -282,6 +283,7 @@ def test_a_strategy_may_want_to_be_told_first(tmp_path: Path) -> None:
     assert summary.ended == "three are enough"
 
 
+@pytest.mark.heavy
 @pytest.mark.skipif(shutil.which("node") is None, reason="node is not installed")
 def test_the_client_in_javascript_runs(tmp_path: Path) -> None:
     """That in Python is run with its page."""
@@ -291,6 +293,7 @@ def test_the_client_in_javascript_runs(tmp_path: Path) -> None:
         assert store.counts().simulations == 40
 
 
+@pytest.mark.heavy
 def test_a_told_share_replaces_the_count_also_after_a_crash(tmp_path: Path) -> None:
     """A result without MOOBD is kept, too, and teaches nothing."""
     folder = tmp_path / "told"

@@ -40,7 +40,7 @@ CALLS: Final = {
     "show c 1": "id test_outcome moobd description driven driver rules curvatures step picture",
     "report c": "report",
     "check c": f"{COUNTS} folder findings outstanding trajectories bytes",
-    "export c --format csv": "folder format outcomes",
+    "export c --format competition": "folder format outcomes",
     "rerun c --top 1 --times 2": (
         "campaign folder driver simulator variations passed same missing changes matches tests"
     ),
@@ -275,7 +275,13 @@ def test_every_command_has_its_calls_and_mistakes_here() -> None:
     assert {mistake.split()[0] for mistake, *_ in MISTAKES} - {"fly"} == commands
 
 
-@pytest.mark.parametrize("call", CALLS)
+@pytest.mark.parametrize(
+    "call",
+    [
+        pytest.param(call, marks=pytest.mark.heavy) if call.startswith("calibrate") else call
+        for call in CALLS
+    ],
+)
 def test_every_command_prints_one_document(frenetic: Frenetic, copied: str, call: str) -> None:
     Path("bend.json").write_text(json.dumps({"curvatures": BEND}))
     Path("odd.toml").write_text(ODD)
@@ -336,6 +342,7 @@ def test_help_of_every_command_needs_nothing_that_takes_time() -> None:
     assert done.stdout.count("Usage: ") == len(NAMES)
 
 
+@pytest.mark.heavy
 def test_linear_algebra_takes_one_thread_unless_the_user_wants_more(tmp_path: Path) -> None:
     (tmp_path / "road.json").write_text('{"curvatures": [0.0, 0.02, 0.0]}')
     code = (

@@ -80,6 +80,7 @@ def test_a_domain_is_searched_shown_and_driven_again(frenetic: Frenetic, path: P
     assert small["conditions"]["friction"] >= friction
 
 
+@pytest.mark.heavy
 def test_failures_in_a_domain_are_driven_again_and_compared(frenetic: Frenetic, path: Path) -> None:
     frenetic("run", "--odd", str(path), "--simulations", "40", "--seed", "1", "--out", "c")
     number = str(frenetic("show", "c", "--outcome", "fail", "--json").json["listed"][0]["id"])
@@ -107,6 +108,11 @@ def test_an_export_says_what_a_file_cannot_hold(frenetic: Frenetic, path: Path) 
     assert "do not say in which conditions of town each test was driven" in whole.err
     one = frenetic("export", "c", "1", "--format", "opendrive")
     assert "Note: test 1 was driven with friction 0." in one.err
+
+
+@pytest.mark.heavy
+def test_an_export_as_tables_holds_the_conditions(frenetic: Frenetic, path: Path) -> None:
+    frenetic("run", "--odd", str(path), "--simulations", "2", "--seed", "1", "--out", "c")
     tables = frenetic("export", "c", "--format", "csv")
     assert "conditions" not in tables.err
     header = Path("c/exports/csv/tests.csv").read_text("utf-8").partition("\n")[0]

@@ -116,7 +116,7 @@ def test_common_failures_are_counted() -> None:
     assert "failures per 1,000 km" in found.in_words()
 
 
-@pytest.mark.parametrize("share", [1e-3, 1e-5])
+@pytest.mark.parametrize("share", [1e-3, pytest.param(1e-5, marks=pytest.mark.heavy)])
 def test_rare_failures_are_drawn_more_often_and_weighed(share: float) -> None:
     drives, held = 3000, 0
     for seed in range(6):
@@ -148,6 +148,7 @@ def turn(curvatures: FloatArray) -> float:
     return abs(float(curvatures.sum())) * 10.0
 
 
+@pytest.mark.heavy
 def test_where_the_road_decides_the_rest_are_plain_drives() -> None:
     rng = np.random.default_rng(5)
     roads = RandomRoads(road_class=DOMAIN.road_class)
@@ -365,13 +366,13 @@ def test_on_the_command_line(frenetic: Frenetic, tmp_path: Path) -> None:
         'roads = "urban-50,length=200"\n[conditions]\nfriction = { low = 0.1, high = 0.6 }\n',
         encoding="utf-8",
     )
-    words = ("estimate", "--odd", str(path), "--drives", "200")
+    words = ("estimate", "--odd", str(path), "--drives", "100")
     told = frenetic(*words)
     assert told.code == 0, told.err
     assert "failures per 1,000 km" in told.out
     assert frenetic(*words, "--json").json["domain"] == "icy"
     assert frenetic("run", "--odd", str(path), "--simulations", "20", "--out", "c").code == 0
-    assert frenetic("estimate", "c", "--drives", "150").code == 0
+    assert frenetic("estimate", "c", "--drives", "100").code == 0
     assert "how often" in frenetic("show", "c").out
     assert frenetic("report", "c").code == 0
     assert "failures per 1,000 km" in Path("c/report.html").read_text("utf-8")
@@ -401,6 +402,7 @@ with patch("frenetic.rerun.importance_sampling.WeightedDrives.add", kill):
 """It is killed at the end of its first stage."""
 
 
+@pytest.mark.heavy
 @pytest.mark.skipif(sys.platform == "win32", reason="a process kills itself by a POSIX signal")
 def test_killed_in_the_middle_the_same_command_goes_on(
     frenetic: Frenetic, interpreter: Interpreter, tmp_path: Path

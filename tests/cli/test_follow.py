@@ -103,6 +103,7 @@ def test_it_follows_until_the_campaign_finishes(tmp_path: Path) -> None:
     assert (process.returncode, err) == (0, "")
 
 
+@pytest.mark.heavy
 @pytest.mark.skipif(sys.platform == "win32", reason="Ctrl-C is sent by a POSIX signal here")
 def test_ctrl_c_leaves_and_the_campaign_goes_on(tmp_path: Path) -> None:
     with paced(tmp_path) as running:
@@ -134,6 +135,7 @@ def test_news_is_printed_once(
     assert "status     gave up" in out
 
 
+@pytest.mark.heavy
 @pytest.mark.skipif(sys.platform == "win32", reason="needs a POSIX terminal")
 def test_on_a_terminal_there_is_one_line_that_changes(tmp_path: Path) -> None:
     import pty

@@ -15,6 +15,7 @@ if TYPE_CHECKING:
 pytest_plugins = ["command_line"]
 
 
+@pytest.mark.heavy
 def test_the_driver_passes_its_test_and_most_roads(frenetic: Frenetic) -> None:
     told = frenetic("init", "parts/lane_keeper.py")
     assert "lane_keeper.py:LaneKeeper" in told.out

@@ -296,6 +296,7 @@ class Slow(Planner):
 """
 
 
+@pytest.mark.heavy
 @pytest.mark.skipif(sys.platform == "win32", reason="signals are sent as on POSIX here")
 @pytest.mark.parametrize("name", ["SIGTERM", "SIGHUP"])
 def test_a_signal_to_the_whole_group_is_no_failure_of_the_driver(tmp_path: Path, name: str) -> None:
@@ -323,6 +324,7 @@ def test_a_signal_to_the_whole_group_is_no_failure_of_the_driver(tmp_path: Path,
     assert faults == [None] * len(faults)
 
 
+@pytest.mark.heavy
 def test_files_in_the_current_folder_take_the_place_of_no_module(tmp_path: Path) -> None:
     (tmp_path / "slow.py").write_text(SLOW)
     for name in ("random", "pickle", "signal"):

@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     from made_campaign import ToldAnew
 
 pytest_plugins = ["made_campaign"]
+pytestmark = pytest.mark.heavy
 
 DICTIONARIES = ("source", "notes", "fault")
 

@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     from made_campaign import ToldAnew
 
 pytest_plugins = ["made_campaign"]
+pytestmark = pytest.mark.heavy
 PAGE = Path(__file__).parents[2] / "docs" / "files.md"
 
 

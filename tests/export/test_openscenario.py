@@ -113,6 +113,7 @@ def test_names_that_xml_cannot_hold() -> None:
     assert (file.get("filepath"), header.get("description")) == ("a?<b>.xodr", "?")
 
 
+@pytest.mark.heavy
 @carla_has_a_wheel
 @pytest.mark.parametrize("name", ROADS)
 def test_carla_finds_every_position(name: str) -> None:
@@ -133,6 +134,7 @@ def test_carla_finds_every_position(name: str) -> None:
         )
 
 
+@pytest.mark.heavy
 @pytest.mark.endurance
 def test_the_asam_checker_finds_nothing(
     agreements: Agreements, request: pytest.FixtureRequest, tmp_path: Path

@@ -294,7 +294,8 @@ def test_trust_signs_it_for_later_commands(
         ("show", "c", "1", "--json"),
         ("check", "c"),
         ("report", "c"),
-        ("export", "c", "--format", "csv"),
+        ("export", "c", "--format", "competition"),
+        pytest.param(("export", "c", "--format", "csv"), marks=pytest.mark.heavy),
         ("drive", "c", "1", "--dry"),
     ],
 )
@@ -342,6 +343,7 @@ def with_entry(name: str, value: object) -> Callable[[Any], Any]:
 # The other ways past a digest of the driver's file
 
 
+@pytest.mark.heavy
 @pytest.mark.parametrize("workers", ["1", "2"])
 def test_a_neighbour_of_a_users_part_does_not_replace_our_imports(
     workers: str, tmp_path: Path, mark: Path, monkeypatch: pytest.MonkeyPatch

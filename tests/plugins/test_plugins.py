@@ -51,7 +51,11 @@ LINES = (
 )
 
 
-@pytest.mark.parametrize("gone", [PLUGINS, *((plugin,) for plugin in PLUGINS)], ids="-".join)
+@pytest.mark.parametrize(
+    "gone",
+    [PLUGINS, *(pytest.param((plugin,), marks=pytest.mark.heavy) for plugin in PLUGINS)],
+    ids="-".join,
+)
 def test_the_core_works_without_a_plug_in(gone: tuple[str, ...], tmp_path: Path) -> None:
     """With all of them away it drives; each alone is missed by nothing that is imported."""
     names, lines = (

@@ -43,6 +43,7 @@ from frenetic.search import RandomSearch
 from frenetic.simulators import EmbeddedSimulator
 
 pytest_plugins = ["browsing", "reported_campaign"]
+pytestmark = pytest.mark.heavy
 Show = Callable[..., Page]
 PHONE = {"viewport": {"width": 390, "height": 844}, "has_touch": True}
 

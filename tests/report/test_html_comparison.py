@@ -1,68 +1,26 @@
-"""The page of a comparison: what it says, and how a browser shows it."""
+"""The page of a comparison: what it says."""
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
-from html_browser import background, low_contrast
-from html_campaigns import HOSTILE
-from playwright.sync_api import Page, expect
+from made_comparison import campaign, made, three_groups
 
 from frenetic.analysis.comparison import Comparison, compare_measured
-from frenetic.analysis.metrics import CampaignMeasures
-from frenetic.campaign.counts import Counts
 from frenetic.errors import FreneticError
 from frenetic.report.html.comparison import POINTS, comparison_report, write_comparison_page
-
-pytest_plugins = ["browsing"]
-
-
-def campaign(folder: Path, distinct: int, simulations: int = 60) -> CampaignMeasures:
-    """With its failures one after the other; every second is a distinct one."""
-    curve = np.clip(np.arange(simulations + 1) - 3, 0, 2 * distinct)
-    return CampaignMeasures(
-        folder=folder,
-        seed=distinct,
-        counts=Counts(invalid=distinct, min_moobd=-0.1 * distinct),
-        failures_after=curve,
-        distinct_after=(curve + 1) // 2,
-        is_finished=True,
-        cells=7,
-        unlike_roads=distinct // 2,
-        competition_sparseness=25.0 + distinct if distinct > 1 else -math.inf,
-    )
-
-
-def made(folder: Path, **groups: list[int]) -> Comparison:
-    measured = {
-        name: tuple(campaign(folder / f"{name}-{i}", n) for i, n in enumerate(numbers))
-        for name, numbers in groups.items()
-    }
-    return compare_measured(measured, shared={"driver": "Planner"})
-
-
-LOW, HIGH = [1, 2, 3, 4, 5], [11, 12, 13, 14, 15]
 
 
 @pytest.fixture
 def three(tmp_path: Path) -> Comparison:
-    for name in ("high-0", "low-1"):
-        (tmp_path / name).mkdir()
-        (tmp_path / name / "report.html").write_text("<!doctype html><title>x</title>")
-    return made(tmp_path, low=LOW, high=HIGH, never=[0] * 5)
+    return three_groups(tmp_path)
 
 
 def blocks_of(comparison: Comparison, folder: Path) -> dict[str, list[Any]]:
     report = comparison_report(comparison, folder)
     return {section.id: list(section.blocks) for section in report.sections}
-
-
-# What it says
 
 
 def test_groups_stand_in_the_order_of_the_headline_in_colours_of_their_own(
@@ -139,97 +97,3 @@ def test_the_page_is_the_same_each_time_and_replaces_what_is_there(
     assert "<title>Bench</title>" in written[0].decode()
     with pytest.raises(FreneticError, match="cannot be written"):
         write_comparison_page(three, tmp_path / "nowhere" / "page.html")
-
-
-# How a browser shows it
-
-
-@pytest.fixture
-def page(show: Callable[..., Page], three: Comparison, tmp_path: Path) -> Page:
-    return show(write_comparison_page(three, tmp_path / "page.html", facts={"seeds": "5"}))
-
-
-def test_points_and_boxes(page: Page) -> None:
-    expect(page.locator("h1")).to_have_text("low, high and never compared")
-    assert page.locator("#curves canvas").count() == 2
-    expect(page.locator("#campaigns a").first).to_have_attribute("href", "low-1/report.html")
-    expect(page.locator("#configuration")).to_contain_text("seeds")
-    panel = page.locator(".spread-panel").first
-    expect(panel.locator("h3")).to_have_text("distinct failures")
-    expect(panel.locator(".dot")).to_have_count(15)
-    expect(panel.locator(".box")).to_have_count(3)
-    places = panel.locator(".spread").first.locator(".dot")
-    lefts = places.evaluate_all("els => els.map(el => parseFloat(el.getAttribute('cx')))")
-    assert lefts == sorted(lefts)
-    assert lefts[-1] == 100.0
-    # What never happened has an end of its own.
-    ends = {"simulations to first failure": "100.0%", "competition's sparseness": "0.0%"}
-    for measure, place in ends.items():
-        panel = page.locator(".spread-panel", has_text=measure)
-        expect(panel.locator(".ticks text", has_text="none")).to_have_attribute("x", place)
-
-
-@pytest.mark.parametrize("theme", ["light", "dark"])
-def test_all_text_can_be_read(
-    show: Callable[..., Page], three: Comparison, tmp_path: Path, theme: str
-) -> None:
-    page = show(write_comparison_page(three, tmp_path / "page.html"), color_scheme=theme)
-    assert (background(page) < 150) is (theme == "dark")
-    page.locator(".legend button").first.click()
-    page.locator("#curves .chart-drawing").first.focus()
-    page.keyboard.press("ArrowRight")
-    page.locator(".track").first.hover()
-    assert low_contrast(page) == []
-
-
-@pytest.mark.parametrize("width", [320, 768])
-def test_small_screens_need_no_scrolling_sideways(
-    show: Callable[..., Page], tmp_path: Path, width: int
-) -> None:
-    name = "a_generator_with_a_very_long_name_that_nobody_can_break_anywhere"
-    groups = {name: LOW, **{f"Frenetic{i}": HIGH for i in range(9)}}
-    path = write_comparison_page(made(tmp_path, **groups), tmp_path / "page.html")
-    page = show(path, viewport={"width": width, "height": 844}, has_touch=True)
-    assert page.evaluate("document.documentElement.scrollWidth") <= width
-    assert page.locator(".swatch.again").count() > 0, "ten groups have eight colours"
-    heights = page.locator(".block-groupTable tbody th .group > span").evaluate_all(
-        "els => els.map(el => el.getBoundingClientRect().height)"
-    )
-    assert max(heights[:9]) < 30, heights
-    quartiles = page.locator(".block-groupTable td .quiet").evaluate_all(
-        "els => els.map(el => el.getBoundingClientRect().height)"
-    )
-    assert max(quartiles) < 25, "the quartiles stand on one line"
-
-
-def test_no_text_from_outside_is_run(show: Callable[..., Page], tmp_path: Path) -> None:
-    measured = {HOSTILE: (campaign(tmp_path, 3),), "b": (campaign(tmp_path, 4),)}
-    comparison = compare_measured(measured, notes=[HOSTILE], shared={HOSTILE: HOSTILE})
-    path = write_comparison_page(
-        comparison,
-        tmp_path / "page.html",
-        title=HOSTILE,
-        lead=HOSTILE,
-        facts={HOSTILE: HOSTILE},
-        command=HOSTILE,
-    )
-    page = show(path)
-    expect(page.locator("h1")).to_have_text(HOSTILE)
-    expect(page.locator("#results tbody th").last).to_have_text(HOSTILE)
-    assert page.evaluate("window.hacked === undefined && typeof hacked === 'undefined'")
-    assert page.locator("main img").count() == 0
-
-
-@pytest.mark.parametrize("values", [[0], [0, 0, 0, 0, 0]])
-def test_a_measure_that_is_equal_everywhere_has_an_axis_from_zero(
-    show: Callable[..., Page], tmp_path: Path, values: list[int]
-) -> None:
-    comparison = made(tmp_path, one=values, other=values)
-    page = show(write_comparison_page(comparison, tmp_path / "page.html"))
-    assert (page.locator(".box").count() == 0) is (len(values) == 1)
-    panels = page.locator(".spread-panel")
-    failures = panels.filter(has=page.get_by_role("heading", name="failures", exact=True))
-    assert failures.locator(".ticks text").all_text_contents()[0] == "0"
-    for panel in panels.all():
-        ticks = panel.locator(".ticks text").all_text_contents()
-        assert not any(text.startswith("\u2212") for text in ticks)

@@ -64,6 +64,7 @@ def test_one_call_writes_what_the_command_writes(frenetic: Command, tmp_path: Pa
     assert searching == ["started", *["result"] * len(searching[1:])]
 
 
+@pytest.mark.heavy
 def test_results_of_a_resumed_campaign_are_those_of_an_uninterrupted_one(tmp_path: Path) -> None:
     whole = run(campaign(tmp_path / "whole"))
     campaign(tmp_path / "parts").run(30)

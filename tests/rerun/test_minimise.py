@@ -121,6 +121,7 @@ def difference(first: Test, second: Test) -> float:
     return float(np.linalg.norm(vectors[0] - vectors[1]))
 
 
+@pytest.mark.heavy
 @pytest.mark.endurance
 def test_roads_become_half_as_long_with_the_same_failure(failures: list[Road]) -> None:
     shares = []

@@ -478,6 +478,7 @@ def shipped(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Path]:
     return convert
 
 
+@pytest.mark.heavy
 @pytest.mark.parametrize(
     ("net", "count", "longest"),
     [("A10KW/osm.net.xml", 1739, 1197.6), ("racing/spreewaldring.net.xml", 45, 1636.0)],

@@ -18,6 +18,8 @@ from frenetic.road.opendrive import RoadMap, to_opendrive
 if TYPE_CHECKING:
     from agreements import Agreements
 
+pytestmark = pytest.mark.heavy
+
 ROADS = readers.varied_roads()
 HERE = Path(__file__).parent
 LANELETS = "commonroad_lanelets.py"

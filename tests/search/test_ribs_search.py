@@ -18,6 +18,8 @@ from frenetic.testing import StrategyContract
 if TYPE_CHECKING:
     from frenetic.search import Strategy
 
+pytestmark = pytest.mark.heavy
+
 SPEC = f"{Path(__file__).parents[2] / 'benchmarks' / 'ribs_search.py'}:RibsSearch"
 ALGORITHMS = ("map-elites", "cma-mae", "cma-es")
 

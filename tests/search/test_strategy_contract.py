@@ -33,6 +33,7 @@ class TestFrenetic(StrategyContract):
         return Frenetic(seed=seed)
 
 
+@pytest.mark.heavy
 class TestFreneticInOtherWays(StrategyContract):
     def make(self, seed: int) -> Strategy:
         return Frenetic(seed=seed, random_roads=5, likely=True)

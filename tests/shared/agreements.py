@@ -1,7 +1,8 @@
 """Agreements of slow readers and references with what we make.
 
 While something stays as it was when they agreed with it, byte for byte, they are not asked again.
-`pytest -m endurance` asks them about everything, and keeps what they agree with by its digest.
+`pytest --all -m endurance` asks them about everything, and keeps the digests of what they agree
+with.
 """
 
 from __future__ import annotations

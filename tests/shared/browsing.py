@@ -1,6 +1,5 @@
 """Chromium without a window, driven by Playwright, for the tests of pages.
 
-Without a Chromium these tests are skipped, unless ``FRENETIC_REQUIRE_BROWSER`` is set, as in CI.
 ``FRENETIC_CHROMIUM`` names one that is not found by itself.
 """
 
@@ -21,9 +20,8 @@ expect.set_options(timeout=30_000)  # ms; a busy machine draws slowly
 @pytest.fixture(scope="module")
 def browser() -> Iterator[Browser]:
     path = find_chromium()
-    missing = pytest.fail if os.environ.get("FRENETIC_REQUIRE_BROWSER") else pytest.skip
     if path is None:
-        missing("there is no Chromium here: install one, or name it in FRENETIC_CHROMIUM")
+        pytest.fail("there is no Chromium here: install one, or name it in FRENETIC_CHROMIUM")
     is_root = hasattr(os, "geteuid") and os.geteuid() == 0
     with sync_playwright() as playwright:
         try:
@@ -31,7 +29,7 @@ def browser() -> Iterator[Browser]:
                 executable_path=path, args=["--no-sandbox"] if is_root else []
             )
         except Error as error:
-            missing(f"{path} does not start: {error.message.splitlines()[0]}")
+            pytest.fail(f"{path} does not start: {error.message.splitlines()[0]}")
         yield launched
         launched.close()
 

@@ -64,7 +64,10 @@ def told_of(driver: str, folder: Path, **options: int) -> str:
     return ""
 
 
-@pytest.mark.parametrize("driver", PLANTED)
+@pytest.mark.parametrize(
+    "driver",
+    ["BrakesLate", "Raises", pytest.param("Unrepeatable", marks=pytest.mark.heavy), "Sound"],
+)
 def test_each_planted_fault_fails_with_its_cause(driver: str, tmp_path: Path) -> None:
     told, cause = told_of(driver, tmp_path), PLANTED[driver]
     if cause is None:
@@ -89,6 +92,7 @@ def test_each_planted_fault_fails_with_its_cause(driver: str, tmp_path: Path) ->
     assert sorted((tmp_path / FOLDER).glob("*.json")) == files
 
 
+@pytest.mark.heavy
 def test_the_same_seed_says_the_same_and_a_mended_driver_passes(tmp_path: Path) -> None:
     for name in "ab":
         (tmp_path / name).mkdir()
@@ -111,6 +115,7 @@ def test_time_ends_a_search_with_a_notice(tmp_path: Path) -> None:
     NOTICES.clear()
 
 
+@pytest.mark.heavy
 def test_fixtures_parameters_marks_and_workers(interpreter: Interpreter, tmp_path: Path) -> None:
     text = """
 @pytest.fixture
@@ -214,16 +219,16 @@ def test_tests_whose_ids_differ_in_signs_or_case_remember_roads_apart(
 ) -> None:
     text = """
 @pytest.mark.parametrize("gain", [1.0, -1.0])
-@keeps_lane(simulations=60)
+@keeps_lane(simulations=20)
 def test_sign(gain):
     return planted.WrongSign() if gain < 0.0 else planted.Sound()
 
 class TestFast:
-    @keeps_lane(simulations=60)
+    @keeps_lane(simulations=20)
     def test_it(self): return planted.WrongSign()
 
 class Testfast:
-    @keeps_lane(simulations=60)
+    @keeps_lane(simulations=20)
     def test_it(self): return planted.Sound()
 """
     first, second = (run_pytest(interpreter, tmp_path, text, "-rfp") for _ in range(2))

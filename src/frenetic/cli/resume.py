@@ -182,6 +182,7 @@ def _refuse_edited_parts(
     """
     from frenetic.campaign.status import next_campaign
     from frenetic.parts.versions import edited_files
+    from frenetic.spec.part_record import PARTS
 
     names = [*(spec.part(kind).name for kind in PARTS), spec.named_objective]
     if edited := " and ".join(edited_files(names, source.sources)):

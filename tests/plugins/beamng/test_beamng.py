@@ -32,6 +32,8 @@ from frenetic.simulators import CarBody, Rules
 from frenetic.simulators.doctor import examine
 from frenetic.testing import DummyDriver, SimulatorContract
 
+pytestmark = pytest.mark.heavy
+
 ROAD = Road([0.0, 0.0, 0.01, 0.02, 0.01, 0.0, 0.0], pose=Pose(80.0, 50.0, 1.0))
 
 

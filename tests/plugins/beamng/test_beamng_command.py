@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from command_line import Frenetic
 
 pytest_plugins = ["command_line"]
-pytestmark = pytest.mark.usefixtures("new_process_server")
+pytestmark = [pytest.mark.heavy, pytest.mark.usefixtures("new_process_server")]
 linux = pytest.mark.skipif(sys.platform != "linux", reason="the program is a shell script")
 
 

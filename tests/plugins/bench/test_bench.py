@@ -35,7 +35,7 @@ from frenetic.simulators import EmbeddedSimulator, Simulator
 from frenetic.spec.terms import Terms
 from frenetic.testing import DummyDriver
 
-pytestmark = pytest.mark.usefixtures("new_process_server")
+pytestmark = [pytest.mark.heavy, pytest.mark.usefixtures("new_process_server")]
 GENERATORS = Path(__file__).parent / "generators"
 SIMULATIONS = 10
 SECONDS_PER_TEST = 36.0

@@ -49,6 +49,7 @@ def wiggly(tmp_path: Path) -> str:
     return "wiggly.py:Wiggly"
 
 
+@pytest.mark.heavy
 def test_a_generator_and_a_strategy_are_held_against_each_other(
     frenetic: Frenetic, wiggly: str
 ) -> None:
@@ -226,6 +227,7 @@ def results_of(folder: str) -> dict[str, object]:
     return results
 
 
+@pytest.mark.heavy
 def test_a_bench_is_a_file_and_every_bench_keeps_one(frenetic: Frenetic, wiggly: str) -> None:
     Path("mine.toml").write_text(FILE, encoding="utf-8")
     refused = frenetic("bench", "mine.toml", "--out", "a")

@@ -44,6 +44,7 @@ def test_without_its_package_it_says_what_to_install(monkeypatch: pytest.MonkeyP
         pass
 
 
+@pytest.mark.heavy
 def test_it_may_be_sent_to_another_process_after_a_drive() -> None:
     simulator = CommonRoadSimulator(rules=Rules(timeout_base=3.0, timeout_speed=1e3))
     first = simulator.drive(STRAIGHT, Stanley())
@@ -51,6 +52,7 @@ def test_it_may_be_sent_to_another_process_after_a_drive() -> None:
     np.testing.assert_array_equal(first.trajectory.to_rows(), again.trajectory.to_rows())
 
 
+@pytest.mark.heavy
 @pytest.mark.parametrize("speed", [3.5, 20.0])
 def test_it_drives_as_the_package_does(speed: float) -> None:
     """A sine steer, against an implicit method of SciPy and the package's own tyres."""
@@ -90,6 +92,7 @@ class Accelerating:
         return Controls.from_acceleration(wanted, 0.0, speed=observation.speed, setup=self.setup)
 
 
+@pytest.mark.heavy
 def test_it_accelerates_as_drivers_are_told_and_stops() -> None:
     driver = Accelerating()
     t = CommonRoadSimulator().drive(STRAIGHT, driver).trajectory
@@ -112,6 +115,7 @@ def test_it_follows_a_road_as_the_embedded_car_does() -> None:
     assert 0.01 < np.abs(one - other).max() < 0.3
 
 
+@pytest.mark.heavy
 def test_a_car_that_slides_spins_or_rolls_over_is_a_failure() -> None:
     simulator = CommonRoadSimulator(rules=Rules(speed_limit=120.0))
     mirrored = Road(-SHARP.curvatures)

@@ -103,8 +103,20 @@ def complaints(log: pytest.LogCaptureFixture) -> list[str]:
     ("generator", "strategy", "executor", "run"),
     [
         (FreneticGenerator, search.Frenetic(seed=5), Executor2022, run_2022),
-        (Frenetic2021Generator, search.Frenetic2021(seed=5, max_redraws=0), Executor2021, run_2021),
-        (RandomSearchGenerator, search.RandomSearch(seed=5), ExecutorOfTwoBudgets, run_2022),
+        pytest.param(
+            Frenetic2021Generator,
+            search.Frenetic2021(seed=5, max_redraws=0),
+            Executor2021,
+            run_2021,
+            marks=pytest.mark.heavy,
+        ),
+        pytest.param(
+            RandomSearchGenerator,
+            search.RandomSearch(seed=5),
+            ExecutorOfTwoBudgets,
+            run_2022,
+            marks=pytest.mark.heavy,
+        ),
     ],
 )
 def test_the_roads_are_those_of_the_search_itself_when_told_the_same(
@@ -144,6 +156,7 @@ class Score:
         self.oob_distance = oob_distance
 
 
+@pytest.mark.heavy
 def test_verdicts_and_traces_reach_the_search(caplog: pytest.LogCaptureFixture) -> None:
     def answer(test: RoadTest) -> Any:
         return driven(test, "FAIL", 1.5, 0.4, -1.25, 0.3) if test.id % 2 else passed(test)
@@ -173,6 +186,7 @@ def test_verdicts_and_traces_reach_the_search(caplog: pytest.LogCaptureFixture) 
     assert not complaints(caplog)
 
 
+@pytest.mark.heavy
 def test_seed_options_and_map_come_from_outside_also_of_a_strategy_of_ones_own(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
@@ -227,6 +241,7 @@ MIXED: dict[str, Callable[[RoadTest], Any]] = {
 }
 
 
+@pytest.mark.heavy
 def test_the_search_goes_on_whatever_comes_back(caplog: pytest.LogCaptureFixture) -> None:
     odd = [*ODD.values(), *MIXED.values()]
 
@@ -244,6 +259,7 @@ def test_the_search_goes_on_whatever_comes_back(caplog: pytest.LogCaptureFixture
     assert len(complaints(caplog)) == len(ODD)
 
 
+@pytest.mark.heavy
 def test_an_executor_that_only_raises_is_given_up(caplog: pytest.LogCaptureFixture) -> None:
     executor = Executor2022(tests=10**6, answer=raising)
     run_2022(RandomSearchGenerator, executor)
@@ -251,6 +267,7 @@ def test_an_executor_that_only_raises_is_given_up(caplog: pytest.LogCaptureFixtu
     assert complaints(caplog)[-1].startswith("the executor raised 100 times in a row")
 
 
+@pytest.mark.heavy
 def test_a_clock_that_says_nothing_for_a_while(caplog: pytest.LogCaptureFixture) -> None:
     class Clockless(Executor2022):
         readings = itertools.chain([None, "soon", {}, {"time-budget": None}, math.nan])
@@ -276,6 +293,7 @@ def test_a_clock_that_says_nothing_for_a_while(caplog: pytest.LogCaptureFixture)
     assert len(silent) == 1
 
 
+@pytest.mark.heavy
 def test_the_end_of_the_process_passes_through(caplog: pytest.LogCaptureFixture) -> None:
     executor = Executor2022(
         tests=9, answer=lambda test: sys.exit(123) if test.id == 7 else passed(test)
@@ -329,6 +347,7 @@ def test_outside_the_pipeline_one_line_says_so(monkeypatch: pytest.MonkeyPatch) 
         run_2022(FreneticGenerator, Executor2022(tests=1))
 
 
+@pytest.mark.heavy
 @pytest.mark.skipif(sys.platform == "win32", reason="its programs are no scripts")
 def test_the_command_is_found_on_the_path_or_in_this_interpreter(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch

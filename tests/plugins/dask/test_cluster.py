@@ -105,6 +105,7 @@ def test_a_campaign_is_the_one_of_a_single_process(cluster: Cluster, tmp_path: P
     assert all(name.startswith("127.0.0.1:") for name in workers - {"None"})
 
 
+@pytest.mark.heavy
 def test_workers_need_no_copy_of_a_users_file(
     cluster: Cluster, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -123,6 +124,7 @@ def test_workers_need_no_copy_of_a_users_file(
 # What goes wrong with workers
 
 
+@pytest.mark.heavy
 def test_what_goes_wrong_with_a_drive_costs_an_attempt(
     cluster: Cluster, tmp_path: Path, marks: Marks
 ) -> None:
@@ -169,6 +171,7 @@ def test_a_driver_that_cannot_be_copied_is_one_line(cluster: Cluster, tmp_path: 
         pass
 
 
+@pytest.mark.heavy
 def test_workers_may_come_and_leave(cluster: Cluster, tmp_path: Path, marks: Marks) -> None:
     """Also one that drives two roads at once; what a lost one drives is driven elsewhere."""
     simulator = FaultySimulator(marks.folder, drive=Fault(await_go, marks.folder, times=4))
@@ -203,6 +206,7 @@ Campaign(
 """
 
 
+@pytest.mark.heavy
 def test_simulators_end_when_their_campaign_is_killed(
     cluster: Cluster, tmp_path: Path, marks: Marks
 ) -> None:
@@ -227,6 +231,7 @@ def test_simulators_end_when_their_campaign_is_killed(
 # What is missing
 
 
+@pytest.mark.heavy
 def test_a_cluster_that_loses_its_scheduler(
     tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
@@ -264,6 +269,7 @@ def test_an_unreachable_scheduler_is_one_line(
     assert not (tmp_path / "campaign").exists()
 
 
+@pytest.mark.heavy
 def test_a_cluster_without_seats_is_one_line(
     bare: Cluster, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -28,6 +28,8 @@ from frenetic.road import Road
 from frenetic.simulators import Rules, Simulator
 from frenetic.testing import SimulatorContract
 
+pytestmark = pytest.mark.heavy
+
 
 class TestMetaDrive(SimulatorContract):
     def make(self, rules: Rules) -> Simulator:

@@ -38,6 +38,8 @@ from frenetic.road import Pose, Road
 from frenetic.simulators import EmbeddedSimulator, Rules, Vehicle
 from frenetic.testing import DriverContract
 
+pytestmark = pytest.mark.heavy
+
 
 @pytest.fixture(scope="module")
 def simulator() -> Iterator[MetaDriveSimulator]:

@@ -22,6 +22,8 @@ from frenetic.road import Road
 from frenetic.simulators import EmbeddedSimulator, Simulator
 from frenetic.testing import DriverContract
 
+pytestmark = pytest.mark.heavy
+
 Arrays = Mapping[str, npt.NDArray[Any]]
 LAYERS = ("fc_1", "fc_2", "fc_out")
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import sys
-from importlib.util import find_spec
 from typing import Any
 
 import numpy as np
@@ -40,14 +39,21 @@ KEEPS = {
 """Distance from the lane's centre that it keeps on all these roads, in m."""
 
 
+UNAVAILABLE = {"opendbc": sys.version_info >= (3, 13), "fiss-planner": sys.platform == "win32"}
+"""Driver -> whether its package cannot be installed here."""
+
+
 def among(names: Any) -> list[Any]:
-    """The drivers as parameters, skipped where their package is not installed."""
+    """Return the drivers as heavy parameters, skipped where their package cannot be installed."""
     return [
         pytest.param(
             name,
-            marks=pytest.mark.skipif(
-                find_spec(MODULES[name]) is None, reason=f"{name} is not installed"
-            ),
+            marks=[
+                pytest.mark.heavy,
+                pytest.mark.skipif(
+                    UNAVAILABLE.get(name, False), reason=f"{name} is not packaged for this Python"
+                ),
+            ],
         )
         for name in names
     ]

@@ -85,6 +85,7 @@ def recordings(campaigns: list[Path]) -> Recordings:
 # What is found
 
 
+@pytest.mark.heavy
 def test_a_known_parameter_is_found_and_an_idle_one_is_called_undetermined(
     recordings: Recordings, tmp_path: Path
 ) -> None:
@@ -110,6 +111,7 @@ def test_a_known_parameter_is_found_and_an_idle_one_is_called_undetermined(
     assert [driver.lateral_acceleration, simulator.vehicle.brake_deceleration] == values
 
 
+@pytest.mark.heavy
 def test_parameters_that_make_up_for_each_other_are_not_determined(recordings: Recordings) -> None:
     asked = ["vehicle.friction=0.5:1.2", "vehicle.tyre_peak=0.5:1.5"]
     model = TwinModel.of("stanley", asked, driver_options={"lateral_acceleration": KNOWN})
@@ -117,6 +119,7 @@ def test_parameters_that_make_up_for_each_other_are_not_determined(recordings: R
         assert one.to / one.from_ > 1.3
 
 
+@pytest.mark.heavy
 def test_an_interval_that_ends_at_a_bound_is_a_warning_and_usual_bounds_are_wide(
     tmp_path: Path,
 ) -> None:

@@ -55,6 +55,7 @@ def driven(
     return found
 
 
+@pytest.mark.heavy
 def test_a_twin_learns_a_driver_and_foresees_where_it_fails() -> None:
     spec = Spec()
     search = RandomSearch(seed=1)
@@ -103,6 +104,7 @@ def profile(tmp_path: Path) -> Path:
     return tmp_path / "twin.json"
 
 
+@pytest.mark.heavy
 def test_a_campaign_with_foresight_finds_more_and_goes_on_with_the_same_roads(
     tmp_path: Path, profile: Path
 ) -> None:
@@ -146,6 +148,7 @@ def test_a_profile_foresees_from_the_start_and_is_fitted_on(profile: Path) -> No
     }
 
 
+@pytest.mark.heavy
 def test_a_domain_is_searched_in_the_twins_conditions(profile: Path) -> None:
     conditions = {"friction": {"low": 0.5, "high": 1.0}, "fog": {"low": 20.0, "high": 200.0}}
     search = foresight(Spec.of(spec_of(), {"odd": {"conditions": conditions}}), profile)
@@ -181,7 +184,9 @@ def test_run_show_and_report_say_what_foresight_came_to(frenetic: Command) -> No
         (("--map-size", "150"), {}, "map size 200, not 150"),
         (("--criteria", "oob_tolerance=0.5"), {}, "oob tolerance 0.95, not 0.5"),
         ((), {"driver": "nobody"}, "nobody"),
-        ((), {"driver": "highway-env"}, "no driver for a twin"),
+        pytest.param(
+            (), {"driver": "highway-env"}, "no driver for a twin", marks=pytest.mark.heavy
+        ),
         ((), {"driver": "planner,courage=3"}, "courage"),
         ((), {"oob_tolerance": 2}, "oob_tolerance"),
         ((), {"with": {"noise": 0.1}}, "a layer noise, which nobody fitted"),

@@ -44,6 +44,7 @@ if TYPE_CHECKING:
     from command_line import Frenetic
 
 pytest_plugins = ["command_line"]
+pytestmark = pytest.mark.heavy
 
 SIZE = {"width": 6, "height": 4}
 

@@ -17,6 +17,8 @@ from frenetic.drivers.loading import load_driver
 from frenetic.errors import DriverError, FreneticError
 from frenetic.plugins.vision.neural import Network
 
+pytestmark = pytest.mark.heavy
+
 Pixels = npt.NDArray[np.uint8]
 
 ROAD = Road([0.0] * 8)

@@ -1,0 +1,47 @@
+"""Comparisons made of numbers, for the tests of their page."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+
+from frenetic.analysis.comparison import Comparison, compare_measured
+from frenetic.analysis.metrics import CampaignMeasures
+from frenetic.campaign.counts import Counts
+
+
+def campaign(folder: Path, distinct: int, simulations: int = 60) -> CampaignMeasures:
+    """With its failures one after the other; every second is a distinct one."""
+    curve = np.clip(np.arange(simulations + 1) - 3, 0, 2 * distinct)
+    return CampaignMeasures(
+        folder=folder,
+        seed=distinct,
+        counts=Counts(invalid=distinct, min_moobd=-0.1 * distinct),
+        failures_after=curve,
+        distinct_after=(curve + 1) // 2,
+        is_finished=True,
+        cells=7,
+        unlike_roads=distinct // 2,
+        competition_sparseness=25.0 + distinct if distinct > 1 else -math.inf,
+    )
+
+
+def made(folder: Path, **groups: list[int]) -> Comparison:
+    measured = {
+        name: tuple(campaign(folder / f"{name}-{i}", n) for i, n in enumerate(numbers))
+        for name, numbers in groups.items()
+    }
+    return compare_measured(measured, shared={"driver": "Planner"})
+
+
+LOW, HIGH = [1, 2, 3, 4, 5], [11, 12, 13, 14, 15]
+
+
+def three_groups(folder: Path) -> Comparison:
+    """Compare groups called low, high and never; two of their campaigns have a report."""
+    for name in ("high-0", "low-1"):
+        (folder / name).mkdir()
+        (folder / name / "report.html").write_text("<!doctype html><title>x</title>")
+    return made(folder, low=LOW, high=HIGH, never=[0] * 5)
