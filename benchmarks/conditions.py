@@ -186,7 +186,7 @@ def campaign(fault: str, kind: type[Strategy], seed: int, drives: int) -> tuple[
             driver=driver,
             budget=Budget(simulations=drives),
             folder=folder,
-            lookahead=16,
+            max_in_flight=16,
         )
         made.run()
         with CampaignStore.open(folder) as store:
@@ -196,7 +196,7 @@ def campaign(fault: str, kind: type[Strategy], seed: int, drives: int) -> tuple[
             if by_fault and kind is Frenetic:
                 tester = RoadTester(Telling(), driver, store.setting.terms)
                 test = store.test(by_fault[0].id)
-                told = minimise_test(folder, test, tester, max_drives=150).conditions_in_words()
+                told = minimise_test(folder, test, tester, max_drives=150).conditions_text()
     return len(by_fault), told
 
 

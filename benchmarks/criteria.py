@@ -23,7 +23,7 @@ from shapely import LineString, Point, Polygon, segmentize
 from frenetic import Budget, Campaign, EmbeddedSimulator, Frenetic, Outcome, Planner, RandomSearch
 from frenetic.analysis.statistics import a12
 from frenetic.campaign.objective import Objective
-from frenetic.criteria.criterion import Profile, profiles, quantity
+from frenetic.criteria.criterion import CriteriaSet, criteria_sets, signal_named
 from frenetic.drivers import BeamngAi, Driver, Stanley
 from frenetic.oracle.drive import Drive, Rules
 from frenetic.oracle.verdict import assess, judge
@@ -53,7 +53,7 @@ def random_roads(name: str, number: int, seed: int = 1) -> list[Road]:
     return [strategy.ask().road(width, road_class=road_class) for _ in range(number)]
 
 
-def with_criteria(drive: Drive, profile: Profile) -> Drive:
+def with_criteria(drive: Drive, profile: CriteriaSet) -> Drive:
     return replace(drive, rules=replace(drive.rules, criteria=profile))
 
 
@@ -64,12 +64,12 @@ def drivers(roads: int) -> None:
         rules = Rules() if road_class is None else Rules(speed_limit=road_class.speed_limit)
         simulator = EmbeddedSimulator(rules=rules)
         driven = random_roads(name, roads)
-        print(f"| roads: {name} | {' | '.join(profiles())} |")
-        print("| --- |" + " ---: |" * len(profiles()))
+        print(f"| roads: {name} | {' | '.join(criteria_sets())} |")
+        print("| --- |" + " ---: |" * len(criteria_sets()))
         for who, driver in DRIVERS.items():
             drives = [simulator.drive(road, driver) for road in driven]
             shares = []
-            for profile in profiles().values():
+            for profile in criteria_sets().values():
                 passed = (
                     judge(road, with_criteria(drive, profile)).outcome is Outcome.PASS
                     for road, drive in zip(driven, drives, strict=True)
@@ -94,7 +94,7 @@ def worst_of(strategy: Strategy, objective: str, name: str, simulations: int) ->
             budget=Budget(simulations=simulations),
             folder=folder,
             objective=objective,
-            lookahead=1,
+            max_in_flight=1,
         )
 
         def on_event(event: object) -> None:
@@ -130,7 +130,7 @@ def search(simulations: int) -> None:
 # --- A second computation, by plain loops ----------------------------------------------------
 
 
-def again(road: Road, drive: Drive, profile: Profile, rooms: list[float]) -> set[str]:
+def again(road: Road, drive: Drive, profile: CriteriaSet, rooms: list[float]) -> set[str]:
     """The criteria that a drive breaks, computed another way."""
     n = len(assess(road, drive).distance)
     path = drive.trajectory
@@ -170,7 +170,7 @@ def again(road: Road, drive: Drive, profile: Profile, rooms: list[float]) -> set
             values = [-room for room in rooms]
         else:
             raise AssertionError(criterion.quantity)
-        limit = -criterion.limit if quantity(criterion.quantity).is_least else criterion.limit
+        limit = -criterion.limit if signal_named(criterion.quantity).is_least else criterion.limit
         if values and max(values) > limit:
             broke.add(criterion.quantity)
     return broke
@@ -224,7 +224,7 @@ def agreement(number: int) -> None:
                 drive = simulator.drive(road, driver)
                 rooms = _rooms(road, drive)
                 counts["drives"] += 1
-                for profile in profiles().values():
+                for profile in criteria_sets().values():
                     judged = with_criteria(drive, profile)
                     names = {finding.criterion for finding in judge(road, judged).findings} - {
                         "lane"

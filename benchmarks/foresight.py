@@ -24,7 +24,7 @@ import numpy as np
 from frenetic.analysis.clusters import distinct_failures
 from frenetic.campaign import CampaignStore
 from frenetic.campaign.guarded_strategy import FACTS
-from frenetic.campaign.summary import facts_in_words
+from frenetic.campaign.summary import facts_text
 
 DRIVERS: Final = {
     "stanley,lateral_acceleration=7.5,offset_gain=0.8,braking=4": "a law of the twin's, tuned",
@@ -62,7 +62,7 @@ def compare(folder: Path, options: list[str], seeds: list[int], simulations: int
             search(place, options, strategy, seed, simulations)
             with CampaignStore.open(place) as store:
                 distinct, failed = len(distinct_failures(store)), store.counts().failed
-                said = facts_in_words(store.fact(FACTS))
+                said = facts_text(store.fact(FACTS))
             numbers.append((distinct, failed))
             told = f"; {said}" if said else ""
             text = f"seed {seed} {strategy}: {distinct} distinct of {failed} failures{told}"

@@ -32,7 +32,7 @@ from typing import Any
 import numpy as np
 
 from frenetic import Budget, Campaign, CampaignStore, EmbeddedSimulator, Frenetic, Rules, Stanley
-from frenetic.analysis.causes import cause_of, in_words
+from frenetic.analysis.causes import as_text, cause_of
 from frenetic.analysis.segments import segment_of
 from frenetic.criteria.criterion import Criterion
 from frenetic.oracle.measures import measure_criteria
@@ -150,7 +150,7 @@ def roads_of(
             driver=Stanley(lateral_acceleration=100.0),
             budget=Budget(simulations=simulations),
             folder=Path(folder) / "c",
-            lookahead=16,
+            max_in_flight=16,
         ).run()
         with CampaignStore.open(Path(folder) / "c") as store:
             tests = [
@@ -205,7 +205,7 @@ def drive(task: Task, road: Road, rules: Rules) -> Seen:
     return Seen(
         leaves,
         leaves or values[EDGE] < 0.0,
-        "" if cause is None else in_words(cause.kind),
+        "" if cause is None else as_text(cause.kind),
         values[ACCELERATION],
         values.get(JERK, 0.0),
     )

@@ -81,7 +81,7 @@ def search(
             driver=driver(),
             budget=Budget(simulations=simulations),
             folder=Path(temporary) / "campaign",
-            lookahead=16,
+            max_in_flight=16,
         )
         seconds = campaign.run().strategy_seconds
         with CampaignStore.open(campaign.folder) as store:

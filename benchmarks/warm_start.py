@@ -71,7 +71,7 @@ def search(
         driver=driver,
         budget=Budget(simulations=simulations),
         folder=folder,
-        lookahead=16,
+        max_in_flight=16,
         start_from=start_from,
     ).run()
     with CampaignStore.open(folder) as store:

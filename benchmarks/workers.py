@@ -68,7 +68,7 @@ def measure(strategy: str, workers: int, simulations: int) -> Measured:
             budget=Budget(simulations=simulations),
             folder=Path(folder) / "campaign",
             workers=workers,
-            lookahead=16,
+            max_in_flight=16,
         )
         last = 0.0
 

@@ -20,7 +20,7 @@ import numpy as np
 import pytest
 
 from frenetic import Budget, Campaign, CampaignStore, road
-from frenetic.conditions.condition import quantities
+from frenetic.conditions.condition import known_conditions
 from frenetic.drivers import Observation, Planner
 from frenetic.drivers.driver import scene_of
 from frenetic.oracle import verdict
@@ -156,7 +156,7 @@ def probes() -> dict[str, tuple[str, Callable[[], list[float]]]]:
             )
             continue
         known[f"driver {name}"] = version(driver), drives(where, driver)
-    for layer in [row for row in quantities().values() if row.layer]:
+    for layer in [row for row in known_conditions().values() if row.layer]:
         amount = 15.0 if layer.nothing == math.inf else 0.2
         if layer.name in appearance.ALL:
             seeing = layer.layer_class().over(
@@ -214,7 +214,7 @@ def targets() -> Iterator[str]:
         for name, (target, _) in registry.built_in.items():
             if name not in OVER_ANOTHER:
                 yield target
-    yield from (row.layer for row in quantities().values() if row.layer)
+    yield from (row.layer for row in known_conditions().values() if row.layer)
 
 
 def record() -> None:

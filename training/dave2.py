@@ -67,7 +67,7 @@ up and down, which is 98 across; the horizon is in row 60 of its pictures, and i
 as ours is from the preset's 1.4 m."""
 UDACITY_STEERING: Final = -math.radians(25.0)
 """Angle of the front wheels for an answer of 1: positive is right there."""
-LOOKAHEAD: Final = 7.0
+MAX_IN_FLIGHT: Final = 7.0
 """Distance of the place on the lane that the expert steers for, in m."""
 SPEEDS: Final = (25.0, 60.0)
 """Range of the speeds at which is learnt, in km/h."""
@@ -126,7 +126,7 @@ class Pupil:
         self._by_expert = by_expert
         self._network, self._frames, self._rng = network, frames, rng
         self._speed = speed / 3.6
-        self._expert = Planner(lookahead_time=0.0, lookahead_min=LOOKAHEAD)
+        self._expert = Planner(lookahead_time=0.0, lookahead_min=MAX_IN_FLIGHT)
 
     def reset(self, setup: DriveSetup) -> None:
         """Prepares for the next drive."""

@@ -8,11 +8,10 @@ TYPE_CHECKING = False  # importing `typing` takes time
 if TYPE_CHECKING:
     from typing import Any
 
-    from frenetic.campaign import Budget, Campaign, CampaignStore, Summary, Test, evaluate
+    from frenetic.campaign import Budget, Campaign, CampaignStore, Test
     from frenetic.drivers import (
         BeamngAi,
         Camera,
-        CameraDriver,
         Controls,
         Delayed,
         Driver,
@@ -26,15 +25,14 @@ if TYPE_CHECKING:
     from frenetic.errors import FreneticError
     from frenetic.export import data_frame
     from frenetic.oracle.outcome import Outcome
-    from frenetic.oracle.verdict import Finding, Result, judge
+    from frenetic.oracle.verdict import Result, judge
     from frenetic.report import Results, draw_drive, draw_road, resume, run
-    from frenetic.road import Pose, Road, Verdict, check_validity
+    from frenetic.road import Road, check_validity
     from frenetic.search import (
         Candidate,
         Evaluation,
         Frenetic,
         Frenetic2021,
-        Origin,
         RandomSearch,
         Strategy,
     )
@@ -45,15 +43,15 @@ if TYPE_CHECKING:
         Rules,
         Simulator,
         SteppedSimulator,
-        Trajectory,
         Vehicle,
     )
+    from frenetic.spec import Spec
+    from frenetic.spec.terms import Terms
 
 _MODULES = {
     "BeamngAi": "frenetic.drivers",
     "Budget": "frenetic.campaign",
     "Camera": "frenetic.drivers",
-    "CameraDriver": "frenetic.drivers",
     "Campaign": "frenetic.campaign",
     "CampaignStore": "frenetic.campaign",
     "Candidate": "frenetic.search",
@@ -64,7 +62,6 @@ _MODULES = {
     "Driver": "frenetic.drivers",
     "EmbeddedSimulator": "frenetic.simulators",
     "Evaluation": "frenetic.search",
-    "Finding": "frenetic.oracle.verdict",
     "Frenetic": "frenetic.search",
     "Frenetic2021": "frenetic.search",
     "FreneticError": "frenetic.errors",
@@ -72,29 +69,25 @@ _MODULES = {
     "Motion": "frenetic.simulators",
     "Noisy": "frenetic.drivers",
     "Observation": "frenetic.drivers",
-    "Origin": "frenetic.search",
     "Outcome": "frenetic.oracle.outcome",
     "Planner": "frenetic.drivers",
-    "Pose": "frenetic.road",
     "RandomSearch": "frenetic.search",
     "Result": "frenetic.oracle.verdict",
     "Results": "frenetic.report",
     "Road": "frenetic.road",
     "Rules": "frenetic.simulators",
     "Simulator": "frenetic.simulators",
+    "Spec": "frenetic.spec",
     "Stanley": "frenetic.drivers",
     "SteppedSimulator": "frenetic.simulators",
     "Strategy": "frenetic.search",
-    "Summary": "frenetic.campaign",
+    "Terms": "frenetic.spec.terms",
     "Test": "frenetic.campaign",
-    "Trajectory": "frenetic.simulators",
     "Vehicle": "frenetic.simulators",
-    "Verdict": "frenetic.road",
     "check_validity": "frenetic.road",
     "data_frame": "frenetic.export",
     "draw_drive": "frenetic.report",
     "draw_road": "frenetic.report",
-    "evaluate": "frenetic.campaign",
     "judge": "frenetic.oracle.verdict",
     "resume": "frenetic.report",
     "run": "frenetic.report",
@@ -112,7 +105,6 @@ __all__ = [
     "BeamngAi",
     "Budget",
     "Camera",
-    "CameraDriver",
     "Campaign",
     "CampaignStore",
     "Candidate",
@@ -123,7 +115,6 @@ __all__ = [
     "Driver",
     "EmbeddedSimulator",
     "Evaluation",
-    "Finding",
     "Frenetic",
     "Frenetic2021",
     "FreneticError",
@@ -131,29 +122,25 @@ __all__ = [
     "Motion",
     "Noisy",
     "Observation",
-    "Origin",
     "Outcome",
     "Planner",
-    "Pose",
     "RandomSearch",
     "Result",
     "Results",
     "Road",
     "Rules",
     "Simulator",
+    "Spec",
     "Stanley",
     "SteppedSimulator",
     "Strategy",
-    "Summary",
+    "Terms",
     "Test",
-    "Trajectory",
     "Vehicle",
-    "Verdict",
     "check_validity",
     "data_frame",
     "draw_drive",
     "draw_road",
-    "evaluate",
     "judge",
     "resume",
     "run",

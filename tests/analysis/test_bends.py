@@ -13,7 +13,7 @@ from frenetic.analysis.segments import (
     BEHIND,
     bends_of,
     find_bends,
-    place_in_words,
+    place_text,
 )
 
 PLACES = np.arange(0.0, 70.0, 10.0)
@@ -63,7 +63,7 @@ def test_a_place_behind_a_bend_is_never_before_the_next_one() -> None:
         41.0: "12 m behind a left-hand bend of 15 m radius",
         43.0: "entering a right-hand bend of 33 m radius after a left-hand bend",
     }
-    assert {place: place_in_words(curvatures, 10.0, place) for place in expected} == expected
+    assert {place: place_text(curvatures, 10.0, place) for place in expected} == expected
 
 
 @settings(deadline=None)
@@ -76,7 +76,7 @@ def test_a_place_is_described_by_the_bend_in_which_it_lies_or_else_by_the_last_o
     curvatures: list[float], step: float, share: float
 ) -> None:
     line, place = np.array(curvatures), share * step * (len(curvatures) - 1)
-    text, bends = place_in_words(line, step, place), bends_of(line, step)
+    text, bends = place_text(line, step, place), bends_of(line, step)
     if around := [bend for bend in bends if bend.start <= place <= bend.end]:
         bend, pattern = around[0], "(entering|in|at the end of) a"
     elif behind := [bend for bend in bends if 0.0 < place - bend.end <= BEHIND]:
@@ -93,7 +93,7 @@ def test_a_place_is_described_by_the_bend_in_which_it_lies_or_else_by_the_last_o
 def test_a_bend_is_described_whole_however_long_it_is() -> None:
     curvatures = np.array([0.0, 0.05, *[0.01] * 20, 0.0])
     text = "in a left-hand bend of 20 m radius"
-    assert [place_in_words(curvatures, 10.0, place) for place in (60.0, 140.0)] == [
+    assert [place_text(curvatures, 10.0, place) for place in (60.0, 140.0)] == [
         text,
         "at the end of a left-hand bend of 20 m radius",
     ]
@@ -102,5 +102,5 @@ def test_a_bend_is_described_whole_however_long_it_is() -> None:
 def test_the_wide_bends_of_a_motorway_are_no_straights() -> None:
     curvatures = np.array([*[0.0] * 10, *[-0.001] * 20, *[0.0] * 10])
     places = {50.0: "on a straight", 190.0: "in a right-hand bend of 1000 m radius"}
-    assert {place: place_in_words(curvatures, 10.0, place) for place in places} == places
-    assert place_in_words(np.full(40, 5e-5), 10.0, 200.0) == "on a straight"
+    assert {place: place_text(curvatures, 10.0, place) for place in places} == places
+    assert place_text(np.full(40, 5e-5), 10.0, 200.0) == "on a straight"

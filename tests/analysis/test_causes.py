@@ -9,7 +9,7 @@ import pytest
 
 from frenetic import Controls, DriveSetup, EmbeddedSimulator, Observation, Planner, Road
 from frenetic._support.arrays import FloatArray
-from frenetic.analysis.causes import Cause, Kind, cause_of, in_words, kind_number
+from frenetic.analysis.causes import Cause, Kind, as_text, cause_of, kind_number
 from frenetic.analysis.segments import segment_of
 from frenetic.oracle.drive import Drive, Trajectory
 from frenetic.oracle.verdict import judge
@@ -33,9 +33,9 @@ def driven(**columns: FloatArray) -> Drive:
 
 def test_a_cause_names_the_side_of_its_bends() -> None:
     assert cause(driven()) == Cause(Kind.TOO_FAST, "left")
-    assert in_words(*cause(driven())) == "takes left-hand bends too fast"
-    assert in_words(Kind.TOO_FAST) == "takes bends too fast"
-    assert in_words(Kind.OSCILLATES) == "oscillates from side to side"
+    assert as_text(*cause(driven())) == "takes left-hand bends too fast"
+    assert as_text(Kind.TOO_FAST) == "takes bends too fast"
+    assert as_text(Kind.OSCILLATES) == "oscillates from side to side"
     assert kind_number(BEND, driven()) == 1.0 + list(Kind).index(Kind.TOO_FAST)
     passed = EmbeddedSimulator().drive(BEND, Planner(lateral_acceleration=3.0))
     assert kind_number(BEND, passed) == 0.0

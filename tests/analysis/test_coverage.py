@@ -123,7 +123,7 @@ def test_cells_counted_by_hand() -> None:
     assert (both.count, both.driven, both.failed, both.never_reached) == (20, 4, 2, 16)
     # As usual from -10 to -5 and from 5 to 10; once each in two of the others.
     assert both.driven_share == pytest.approx(2 * 0.25 * 0.75 + 2 * 0.25 * 0.0625)
-    texts = [gap.in_words() for gap in coverage.gaps]
+    texts = [gap.as_text() for gap in coverage.gaps]
     missing = coverage.gaps[texts.index("gust -5 to 0 m/s with delay as usual")]
     assert missing.share == pytest.approx(0.25 * 0.75)
     assert missing.likelihood == "1 drive in 5"

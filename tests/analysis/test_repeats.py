@@ -19,11 +19,11 @@ from frenetic.analysis.clusters import (
     nearest_misses,
     representative_failures,
 )
-from frenetic.analysis.criteria import criteria_in_words
+from frenetic.analysis.criteria import criteria_text
 from frenetic.analysis.metrics import MEASURES, measure_campaign
 from frenetic.campaign import CampaignStore
 from frenetic.campaign.counts import Counts, FirstTests
-from frenetic.criteria.criterion import profiles
+from frenetic.criteria.criterion import criteria_sets
 from frenetic.drivers import Planner
 from frenetic.oracle.drive import Rules
 from frenetic.oracle.outcome import Outcome
@@ -150,7 +150,7 @@ def test_repeats_do_not_change_cautions_and_feature_maps(
 def test_repeats_do_not_change_the_driven_time_of_criteria(
     tmp_path: Path, roads: list[FloatArray]
 ) -> None:
-    simulator = EmbeddedSimulator(rules=Rules(criteria=profiles()["after-un-r157"]))
+    simulator = EmbeddedSimulator(rules=Rules(criteria=criteria_sets()["after-un-r157"]))
     texts = []
     for name, driven in (("plain", roads[:2]), ("repeated", roads[:2] * 20)):
         slow = Planner(lateral_acceleration=2.0)
@@ -158,7 +158,7 @@ def test_repeats_do_not_change_the_driven_time_of_criteria(
             tmp_path / name, Listed(driven), len(driven), simulator=simulator, driver=slow
         )
         with CampaignStore.open(folder) as store:
-            texts.append((criteria_in_words(store), caution(store)))
+            texts.append((criteria_text(store), caution(store)))
     assert "asks for 300 s" in texts[0][1]
     assert texts[0] == texts[1]
 
@@ -203,7 +203,7 @@ def test_repeats_are_named_where_tests_are_counted(
 ) -> None:
     with CampaignStore.open(plain) as store:
         assert (store.repeats(), store.counts().repeats) == (frozenset(), 0)
-        assert "repeat" not in store.counts().in_words()
+        assert "repeat" not in store.counts().as_text()
         failed = {test.id for test in store.tests(Outcome.FAIL)}
     again = [*range(1, len(roads) + 1, 2), *range(1, len(roads) + 1, 10)]
     failing = sum(number in failed for number in again)
@@ -218,7 +218,7 @@ def test_repeats_are_named_where_tests_are_counted(
     assert added == counts
     assert (counts.repeats, counts.failing_repeats) == (len(again), failing)
     assert counts.failures == len(failed)
-    assert f"{counts.failed} failed ({failing} repeats)" in counts.in_words()
+    assert f"{counts.failed} failed ({failing} repeats)" in counts.as_text()
 
 
 def candidate(**other: Any) -> Candidate:

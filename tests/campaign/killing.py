@@ -54,7 +54,7 @@ def exit_code_of(target: Callable[..., object], *arguments: object) -> int | Non
 
 
 def go_on(
-    folder: Path, marks: Path, simulations: int, workers: int, lookahead: int, blow: Blow | None
+    folder: Path, marks: Path, simulations: int, workers: int, max_in_flight: int, blow: Blow | None
 ) -> None:
     """Runs or resumes a campaign until it ends or the blow comes; each result leaves a byte."""
     if sys.platform == "linux":
@@ -63,7 +63,9 @@ def go_on(
     killer = _Killer(blow)
     sqlite3.connect = killer.connect  # type: ignore[assignment]
     simulator = FaultySimulator(marks)
-    one = campaign(folder, simulations, simulator=simulator, workers=workers, lookahead=lookahead)
+    one = campaign(
+        folder, simulations, simulator=simulator, workers=workers, max_in_flight=max_in_flight
+    )
     reported = os.open(marks / "reported", os.O_WRONLY | os.O_CREAT | os.O_APPEND)
 
     def report(progress: Summary) -> None:

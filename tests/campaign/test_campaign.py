@@ -196,10 +196,10 @@ def test_an_error_after_a_second_ctrl_c_is_an_interruption(
 # Several runs
 
 
-@pytest.mark.parametrize("lookahead", [1, 16])
-def test_parts_give_the_same_campaign_as_one_run(tmp_path: Path, lookahead: int) -> None:
+@pytest.mark.parametrize("max_in_flight", [1, 16])
+def test_parts_give_the_same_campaign_as_one_run(tmp_path: Path, max_in_flight: int) -> None:
     def search(name: str) -> Campaign:
-        return campaign(tmp_path / name, 20, strategy=Frenetic(seed=1), lookahead=lookahead)
+        return campaign(tmp_path / name, 20, strategy=Frenetic(seed=1), max_in_flight=max_in_flight)
 
     whole = search("whole").run()
     parts = search("parts")
@@ -216,10 +216,10 @@ def test_parts_give_the_same_campaign_as_one_run(tmp_path: Path, lookahead: int)
 def test_a_campaign_without_a_budget_runs_the_number_of_its_call(
     tmp_path: Path,
 ) -> None:
-    search = scripted(tmp_path, None, lookahead=16)
+    search = scripted(tmp_path, None, max_in_flight=16)
     assert [search.run(2).simulations, search.run(3).simulations] == [2, 5]
     assert search.budget == Budget(simulations=5)
-    again = scripted(tmp_path, None, lookahead=16)
+    again = scripted(tmp_path, None, max_in_flight=16)
     assert again.resume().simulations == 5
     last = again.run(1)
     assert (last.simulations, last.interrupted) == (6, False)
@@ -269,7 +269,7 @@ def test_an_error_in_a_callback_is_raised_and_loses_nothing(
 ) -> None:
     """What was stored with that test is reported by the next run."""
     monkeypatch.setattr("frenetic.campaign.workers.local.InProcessWorker", TwoAtOnce)
-    search = scripted(tmp_path, Budget(simulations=4), lookahead=2)
+    search = scripted(tmp_path, Budget(simulations=4), max_in_flight=2)
     orders: list[int | None] = []
 
     def fail(test: Test) -> None:
@@ -454,7 +454,7 @@ NUMBER = "a number is needed"
         ("workers", "", "'' is neither a number nor the address of a Dask scheduler"),
         ("workers", float("nan"), f"workers is nan: {COUNT}"),
         ("workers", 1025, "workers is 1025: at most 1024 are allowed"),
-        ("lookahead", 0, f"lookahead is 0: {COUNT}"),
+        ("max_in_flight", 0, f"max_in_flight is 0: {COUNT}"),
         ("drive_limit", 0.0, "drive_limit is 0.0: a positive number of seconds"),
         ("strategy", object(), "object is no strategy: make it a frenetic.Strategy"),
         ("start_from", ["c"], "the strategy RandomSearch starts from no earlier campaign"),
@@ -508,7 +508,7 @@ def test_numbers_of_numpy_are_numbers(tmp_path: Path) -> None:
             folder=tmp_path / name,
             terms=Terms(map_size=real(200), margin=whole(8), lane_width=real(3.5)),
             workers=whole(1),
-            lookahead=whole(2),
+            max_in_flight=whole(2),
         )
 
     search("python", int, float).run()

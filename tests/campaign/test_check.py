@@ -34,7 +34,7 @@ def make_campaign(folder: Path, simulations: int, **options: Any) -> Campaign:
         "strategy": Frenetic2021(seed=3, max_redraws=0),
         "simulator": EmbeddedSimulator(),
         "driver": Planner(),
-        "lookahead": 16,
+        "max_in_flight": 16,
     }
     return campaign(folder, simulations, **(usual | options))
 

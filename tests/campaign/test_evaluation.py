@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 import frenetic
-from frenetic import Budget, Campaign, CampaignStore, Candidate, Evaluation, Outcome, evaluate
+from frenetic import Budget, Campaign, CampaignStore, Candidate, Evaluation, Outcome
+from frenetic.campaign import evaluate
 from frenetic.campaign.objective import Objective, evaluation_of
 from frenetic.errors import FreneticError, Trouble
 from frenetic.search import Origin

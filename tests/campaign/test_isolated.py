@@ -61,7 +61,7 @@ from frenetic.errors import (
     Trouble,
 )
 from frenetic.oracle.outcome import Outcome
-from frenetic.processes.object_process import Loss, LostWorkerError
+from frenetic.processes.object_process import Loss, LostProcessError
 from frenetic.road import Road
 from frenetic.simulators import EmbeddedSimulator, Simulator
 from frenetic.simulators.blame import Blame
@@ -448,7 +448,7 @@ def test_a_process_that_is_killed_once_changes_no_result(
 def test_a_lost_process_is_blamed_on_its_foreign_part(
     simulator: Simulator, driver: Driver, loss: Loss, is_asked: bool, is_drivers: bool
 ) -> None:
-    error = LostWorkerError(Trouble("it was lost"), loss, is_drivers_turn=is_asked)
+    error = LostProcessError(Trouble("it was lost"), loss, is_drivers_turn=is_asked)
     fault = Blame.of(simulator, driver).fault(error)
     assert (fault is not None) is is_drivers
 

@@ -163,7 +163,7 @@ class Faked(Campaign):
 
 
 def faked(
-    folder: Path, strategy: Strategy, budget: Budget, fake: FakeWorkers, lookahead: int = 16
+    folder: Path, strategy: Strategy, budget: Budget, fake: FakeWorkers, max_in_flight: int = 16
 ) -> Campaign:
     """A campaign of an interrupted, or a new, one."""
     fake_campaign = Faked(
@@ -172,7 +172,7 @@ def faked(
         driver=DummyDriver(),
         budget=budget,
         folder=folder,
-        lookahead=lookahead,
+        max_in_flight=max_in_flight,
     )
     fake_campaign.fake = fake
     if isinstance(strategy, Families):
@@ -240,7 +240,7 @@ class Chance:
     def strategy(self) -> Families:
         return Families(self.outcomes, self.size, **self.kind)
 
-    def searched(self, folder: Path, lookahead: int) -> tuple[Families, Summary]:
+    def searched(self, folder: Path, max_in_flight: int) -> tuple[Families, Summary]:
         """The campaign, broken off and resumed again and again, if it has to be."""
         rng = self.rng
         for attempt in range(1000):
@@ -251,7 +251,7 @@ class Chance:
                 FakeWorkers(count, lambda ids: rng.sample(ids, rng.randint(1, len(ids))))
             )
             self.fakes[-1].losses.update(self.losses)
-            fake_campaign = faked(folder, strategy, self.budget, self.fakes[-1], lookahead)
+            fake_campaign = faked(folder, strategy, self.budget, self.fakes[-1], max_in_flight)
             left = rng.choice([0, 1, 2, 5, 20]) if self.is_broken_off else 1_000_000
             stopping = after(left, rng.choice([fake_campaign.stop, leave]))
             end = (fake_campaign.resume if attempt else fake_campaign.run)(on_event=stopping)
@@ -290,9 +290,9 @@ def test_in_order_the_campaign_is_the_plain_one_whatever_workers_and_users_do(
     tmp_path: Path, seed: int
 ) -> None:
     chance = Chance(seed)
-    lookahead = chance.rng.randint(1, 9)
-    told_in_order(plain := chance.strategy(), chance.losses, chance.budget, lookahead)
-    strategy, _ = chance.searched(tmp_path, lookahead)
+    max_in_flight = chance.rng.randint(1, 9)
+    told_in_order(plain := chance.strategy(), chance.losses, chance.budget, max_in_flight)
+    strategy, _ = chance.searched(tmp_path, max_in_flight)
     assert strategy.notes == plain.notes
     chance.require_kept(tmp_path, strategy)
     if chance.most == 1 and not chance.kind["names_parents"]:
@@ -310,7 +310,7 @@ def test_in_order_siblings_are_driven_last(tmp_path: Path) -> None:
         outcomes = [Outcome.FAIL, Outcome.PASS, Outcome.PASS]
         strategy, fake = Families(outcomes, 3, names_parents=known), FakeWorkers(2)
         budget = Budget(simulations=20)
-        summary = faked(tmp_path / str(known), strategy, budget, fake, lookahead=7).run()
+        summary = faked(tmp_path / str(known), strategy, budget, fake, max_in_flight=7).run()
         assert (summary.failed, summary.simulations) == (20, 20)
         submitted[known] = fake.submitted
     # Families of three begin with 1, 4 and 7; only then is it known that 2 and 3 are dropped.
@@ -321,7 +321,7 @@ def test_in_order_siblings_are_driven_last(tmp_path: Path) -> None:
 
 def test_in_order_the_end_does_not_wait_for_late_tests(tmp_path: Path) -> None:
     fake = FakeWorkers(4, lambda ids: [1])
-    faked(tmp_path, Families([Outcome.FAIL]), Budget(failures=1), fake, lookahead=4).run()
+    faked(tmp_path, Families([Outcome.FAIL]), Budget(failures=1), fake, max_in_flight=4).run()
     assert (fake.submitted, fake.answered, fake.again) == ([1, 2, 3, 4], [1], [1])
 
 
@@ -385,7 +385,7 @@ def test_ctrl_c_lets_running_tests_finish(tmp_path: Path) -> None:
 def test_in_order_real_workers_give_the_same_campaign(tmp_path: Path) -> None:
     """One whose roads are mutants, crossovers and dropped ones, too."""
     for workers in (1, 2):
-        folder, options = tmp_path / str(workers), {"lookahead": 7}
+        folder, options = tmp_path / str(workers), {"max_in_flight": 7}
         simulator, strategy = Uneven(), quick_search()
         parts = {"simulator": simulator, "strategy": strategy, "workers": workers}
         assert campaign(folder, 90, **parts, **options).run().dropped

@@ -13,7 +13,7 @@ from contents import contents
 from frenetic.analysis.groups import parts_of
 from frenetic.campaign import Campaign, CampaignStore
 from frenetic.campaign.check import check_campaign
-from frenetic.campaign.objective import Objective, in_words, objectives
+from frenetic.campaign.objective import Objective, as_text, objectives
 from frenetic.drivers import Planner
 from frenetic.errors import FreneticError
 from frenetic.oracle.verdict import assess, judge
@@ -97,7 +97,7 @@ def test_an_objectives_values_are_stored_and_named(tmp_path: Path) -> None:
     with CampaignStore.open(folder) as store:
         shares = {t.id: t.result.max_oob_share for t in store.tests() if t.outcome.is_driven}
         values = objectives(store)
-        text = in_words(store)
+        text = as_text(store)
         assert values == {t.id: t.objective for t in store.tests() if t.objective is not None}
     # Drives are measured as they are stored, which is rounded.
     assert values == pytest.approx(shares, abs=2e-3)

@@ -36,23 +36,23 @@ pytest_plugins = ["campaign_fixtures"]
 
 @pytest.mark.endurance
 @pytest.mark.skipif(sys.platform == "win32", reason="a process kills itself by a POSIX signal")
-@pytest.mark.parametrize(("workers", "lookahead"), [(1, 1), (2, 16)])
+@pytest.mark.parametrize(("workers", "max_in_flight"), [(1, 1), (2, 16)])
 def test_killed_at_random_moments_it_ends_as_if_it_had_not_been(
-    tmp_path: Path, workers: int, lookahead: int, endurance: bool
+    tmp_path: Path, workers: int, max_in_flight: int, endurance: bool
 ) -> None:
     marks, folder, whole = (tmp_path / name for name in ("marks", "campaign", "whole"))
     marks.mkdir()
     simulator = FaultySimulator(marks)
     simulations = 600 if endurance else 200
-    campaign(whole, simulations, simulator=simulator, lookahead=lookahead).run()
+    campaign(whole, simulations, simulator=simulator, max_in_flight=max_in_flight).run()
 
     def go_on(blow: killing.Blow | None) -> int | None:
         """Its exit code, in a process of its own."""
-        arguments = folder, marks, simulations, workers, lookahead, blow
+        arguments = folder, marks, simulations, workers, max_in_flight, blow
         return killing.exit_code_of(killing.go_on, *arguments)
 
     rng = random.Random(11 + workers)
-    together = lookahead  # results in one transaction at most
+    together = max_in_flight  # results in one transaction at most
     for kills in range(1, (25 if endurance else 5) + 1):
         blow = random_blow(rng, first=kills == 1)
         assert go_on(blow) == -signal.SIGKILL, f"{blow} has not come"
@@ -195,7 +195,7 @@ def test_a_campaign_goes_on_with_the_parts_that_it_was_made_with(
         ("margin", {"terms": Terms(margin=5.0)}),
         ("lane width", {"terms": Terms(lane_width=3.5)}),
         ("conditions", {"terms": Terms(conditions={"noise": 0.1})}),
-        ("lookahead", {"lookahead": 16}),
+        ("max_in_flight", {"max_in_flight": 16}),
         ("objective", {"objective": "oob-share"}),
         ("rules", {"simulator": DummySimulator(bend, rules=Rules(speed_limit=50.0))}),
         ("strategy", {"strategy": RandomSearch(seed=4)}),

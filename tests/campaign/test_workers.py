@@ -60,7 +60,7 @@ from frenetic.drivers import Driver
 from frenetic.oracle.outcome import Outcome
 from frenetic.parts.registry import DRIVERS
 from frenetic.processes import object_process
-from frenetic.processes.object_process import Loss, LostWorkerError, ObjectProcess, pack, ready
+from frenetic.processes.object_process import Loss, LostProcessError, ObjectProcess, pack, ready
 from frenetic.simulators import Simulator
 from frenetic.testing import DummyDriver, DummySimulator
 
@@ -231,7 +231,7 @@ def test_answers_before_nonsense_stand(marks: Marks) -> None:
         assert spoiling.receive() == [7]
         assert ready([spoiling]) == [spoiling]
         with pytest.raises(
-            LostWorkerError, match="it broke the protocol: it is no message"
+            LostProcessError, match="it broke the protocol: it is no message"
         ) as error:
             spoiling.receive()
         assert error.value.loss is Loss.BROKE_PROTOCOL
@@ -245,7 +245,7 @@ def test_an_answer_of_another_type_breaks_the_protocol(marks: Marks) -> None:
     other.start()
     other.answer()
     try:
-        with pytest.raises(LostWorkerError, match="not what was asked for: Expected `str`"):
+        with pytest.raises(LostProcessError, match="not what was asked for: Expected `str`"):
             other.call("answer", limit=LIMIT, answer=str)
     finally:
         other.kill()

@@ -23,7 +23,6 @@ from frenetic import (
     Observation,
     Planner,
     Road,
-    Verdict,
 )
 from frenetic._support.arrays import FloatArray
 from frenetic.analysis.statistics import rate_interval
@@ -34,6 +33,7 @@ from frenetic.errors import CampaignError, FreneticError
 from frenetic.oracle.outcome import Outcome
 from frenetic.oracle.verdict import judge
 from frenetic.rerun.estimate import Draws, FailureRate, estimate
+from frenetic.road import Verdict
 from frenetic.road.classes import RoadClass
 from frenetic.search.random_search import RandomRoads
 from frenetic.search.records import Candidate, Evaluation
@@ -113,7 +113,7 @@ def test_common_failures_are_counted() -> None:
     assert found.rate is not None
     assert found.drives == found.plain == 400
     assert found.low < per_1000_km(found, 0.2) < found.high
-    assert "failures per 1,000 km" in found.in_words()
+    assert "failures per 1,000 km" in found.as_text()
 
 
 @pytest.mark.parametrize("share", [1e-3, pytest.param(1e-5, marks=pytest.mark.heavy)])
@@ -169,8 +169,8 @@ def test_it_says_what_it_cannot_know() -> None:
     assert found.rate is None
     assert found.low == 0.0
     assert "raise --drives" in found.note
-    assert found.in_words().startswith("fewer than ")
-    assert "two-sided" in found.in_words()
+    assert found.as_text().startswith("fewer than ")
+    assert "two-sided" in found.as_text()
     assert (found.drives, found.failures, found.other_failures) == (300, 0, 0)
     assert found.high < 3.689 / found.kilometres * 1000.0, "drives in wider conditions count, too"
 

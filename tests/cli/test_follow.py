@@ -73,7 +73,7 @@ def test_a_finished_campaign(tmp_path: Path, capsys: pytest.CaptureFixture[str])
     assert out.count("status ") == 1
     assert facts["search"] == "random, DummyDriver, DummySimulator, seed 2"
     assert facts["budget"].startswith("100.0% spent, ")
-    assert facts["results"] == summary.in_words()
+    assert facts["results"] == summary.as_text()
     code, out, err = call(capsys, str(tmp_path), "--json")
     assert (code, err) == (0, "")
     shown = json.loads(out)

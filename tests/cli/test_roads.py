@@ -89,9 +89,9 @@ def test_show_names_the_class_and_says_how_a_road_lies(frenetic: Frenetic, slipp
     shown = frenetic("show", str(slippery), "1").out
     assert f"road       {line}" in shown
     assert f" %, superelevation up to {100.0 * lean:.1f} %\n" in shown
-    words = Road([0.0, -0.01, 0.0], grade=0.02, widening=0.5).in_words()
+    words = Road([0.0, -0.01, 0.0], grade=0.02, widening=0.5).as_text()
     assert words == "20 m, sharpest radius 100 m, grade up to +2.0 %, lanes up to 0.50 m wider"
-    words = Road([0.0, 0.0], grade=np.array([[0.0, 0.01], [5.0, -0.04]])).in_words()
+    words = Road([0.0, 0.0], grade=np.array([[0.0, 0.01], [5.0, -0.04]])).as_text()
     assert words == "10 m, straight, grade up to −4.0 %"
 
 

@@ -55,7 +55,7 @@ def test_a_campaigns_file_holds_what_was_said_and_what_makes_it_repeatable(
     entries = tomllib.loads(Path("c", FILE).read_text())
     usual = {"strategy": "frenetic", "driver": "planner", "simulator": "embedded"}
     said = {"simulations": 1, "workers": 1, "with": {"delay": 0.1}}
-    assert entries.keys() == {*usual, *said, "seed", "lookahead"}
+    assert entries.keys() == {*usual, *said, "seed", "max_in_flight"}
     assert entries.items() >= {**usual, **said}.items()
 
 

@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from frenetic import Campaign, CampaignStore, Evaluation, Outcome
-from frenetic.conditions.condition import SEED, in_words
+from frenetic.conditions.condition import SEED, as_text
 from frenetic.conditions.domain import Distribution, Domain
 from frenetic.errors import FreneticError
 from frenetic.search import Frenetic, RandomSearch
@@ -45,8 +45,8 @@ def test_a_file_describes_a_domain(path: Path) -> None:
     assert domain.road_class is not None
     assert (domain.road_class.name, domain.road_class.length) == ("urban-50", 400.0)
     assert domain.axes == ("friction", "wet", "gust", "load", "noise", "wet_at", "gust_at", SEED)
-    assert "gust -18 to 18 m/s" in domain.in_words()
-    assert "wet 0.4 to 0.9 in 30 %" in domain.in_words()
+    assert "gust -18 to 18 m/s" in domain.as_text()
+    assert "wet 0.4 to 0.9 in 30 %" in domain.as_text()
     assert Domain.from_entries("x", domain.entries()) == domain
 
 
@@ -124,7 +124,7 @@ def test_places_of_conditions_move_with_the_length_of_the_road() -> None:
     there = {"friction": 0.5, "wet": 0.4, "wet_at": 30.0, "gust": 9.0, "gust_at": 100.0}
     assert moved_along(there, -40.0) == {"friction": 0.5, "gust": 9.0, "gust_at": 60.0}
     assert moved_along(there, 10.0)["wet_at"] == 40.0
-    assert in_words(there) == "friction 0.5, wet 0.4 at 30 m, gust 9 m/s at 100 m"
+    assert as_text(there) == "friction 0.5, wet 0.4 at 30 m, gust 9 m/s at 100 m"
 
 
 @pytest.mark.parametrize("name", ["frenetic", "random"])
@@ -132,7 +132,7 @@ def test_a_campaign_in_a_domain_goes_on_and_is_driven_again(
     name: str, path: Path, tmp_path: Path
 ) -> None:
     domain = Domain.of(path)
-    spec = Spec(strategy=name, odd=domain.entries(), seed=3, lookahead=4, simulations=60)
+    spec = Spec(strategy=name, odd=domain.entries(), seed=3, max_in_flight=4, simulations=60)
     whole = Campaign.of(spec, folder=tmp_path / "whole", workers=1)
     whole.run()
     parts = Campaign.of(spec, folder=tmp_path / "parts", workers=1)

@@ -18,16 +18,16 @@ from shapely import LineString, Polygon
 from frenetic._support.arrays import FloatArray
 from frenetic._support.entry_points import RegisteredPart
 from frenetic.analysis.caution import caution
-from frenetic.analysis.criteria import criteria_in_words
+from frenetic.analysis.criteria import criteria_text
 from frenetic.campaign import Budget, Campaign, CampaignStore
 from frenetic.criteria.criterion import (
     DRIVER,
-    QUANTITIES,
+    SIGNALS,
+    CriteriaSet,
     Criterion,
-    Profile,
-    Quantity,
-    profiles,
-    quantity,
+    Signal,
+    criteria_sets,
+    signal_named,
 )
 from frenetic.drivers import Planner, Stanley
 from frenetic.errors import Fault, FreneticError, Trouble
@@ -42,13 +42,13 @@ from frenetic.simulators import EmbeddedSimulator
 from frenetic.spec import Spec
 
 RATE = 0.05  # s
-ISO = profiles()["after-iso-11270"]
+ISO = criteria_sets()["after-iso-11270"]
 
 
-def read_criteria(entry: Any) -> Profile:
+def read_criteria(entry: Any) -> CriteriaSet:
     """The criteria of an entry or of an option's text."""
     profile = Spec(criteria=entry).rules.criteria
-    assert isinstance(profile, Profile)
+    assert isinstance(profile, CriteriaSet)
     return profile
 
 
@@ -83,7 +83,7 @@ def amount(name: str, drive: Drive) -> float:
     return measurement.value
 
 
-def judged(road: Road, drive: Drive, profile: Profile) -> Any:
+def judged(road: Road, drive: Drive, profile: CriteriaSet) -> Any:
     return judge(road, replace(drive, rules=Rules(criteria=profile)))
 
 
@@ -241,7 +241,7 @@ def test_limits_agree_with_the_published_ones() -> None:
     # As opendbc has them: ISO_LATERAL_ACCEL, ISO_LATERAL_JERK and JERK_MEAS_T.
     assert (limits["lateral_acceleration"].limit, limits["lateral_jerk"].limit) == (3.0, 5.0)
     assert limits["lateral_jerk"].window == 0.5
-    for profile in profiles().values():
+    for profile in criteria_sets().values():
         assert all(criterion.clause for criterion in profile.criteria), (
             "each limit cites its source"
         )
@@ -255,7 +255,7 @@ def test_criteria_from_a_file(tmp_path: Path) -> None:
         'lateral_jerk = {limit = 4, window = 0.4, clause = "7.2"}\n'
     )
     criteria = read_criteria(str(path))
-    assert criteria == Profile(
+    assert criteria == CriteriaSet(
         "ours",
         (Criterion("lateral_acceleration", 2.5, 0.0), Criterion("lateral_jerk", 4.0, 0.4, "7.2")),
         about="ours",
@@ -313,7 +313,7 @@ def test_mistakes_in_a_file_are_named(tmp_path: Path, text: str, words: str) -> 
     path = tmp_path / "ours.toml"
     path.write_text(text)
     with pytest.raises(FreneticError, match=words):
-        Profile.of(str(path))
+        CriteriaSet.of(str(path))
 
 
 # Verdicts
@@ -333,7 +333,7 @@ def test_a_breach_fails_a_drive_that_reached_the_end_and_is_reported() -> None:
     assert result.departure is None
     assert "ateral acceleration" in result.reason
     assert "(at most 3 m/s²)" in result.reason
-    gentle = judged(road, drive, Profile("gentle", (Criterion("yaw_rate", 90.0, 0.0),)))
+    gentle = judged(road, drive, CriteriaSet("gentle", (Criterion("yaw_rate", 90.0, 0.0),)))
     assert (gentle.outcome, gentle.findings) == (Outcome.PASS, ())
 
 
@@ -359,7 +359,7 @@ def test_a_drive_shorter_than_the_window_has_no_mean() -> None:
     drive = along(road, 10.0)
     assert measure_criteria(road, drive, [Criterion("lateral_jerk", 5.0, 60.0)]) == []
     names = [row["quantity"] for row in measures_json(road, drive)]
-    assert names == list(QUANTITIES)
+    assert names == list(SIGNALS)
 
 
 def test_values_that_are_no_numbers_are_no_verdict() -> None:
@@ -379,7 +379,7 @@ def test_each_verdict_agrees_with_the_measured_margins() -> None:
         for _ in range(6):
             road = roads.ask().road(4.0)
             drive = simulator.drive(road, driver)
-            for profile in profiles().values():
+            for profile in criteria_sets().values():
                 result = judged(road, drive, profile)
                 shares = [
                     measurement.margin
@@ -393,8 +393,8 @@ def test_each_verdict_agrees_with_the_measured_margins() -> None:
     assert outcomes == {Outcome.PASS, Outcome.FAIL}
 
 
-def test_quantities_and_their_limits_in_words() -> None:
-    assert quantity("lateral_jerk").text(4.0) == "4.00 m/s³"
+def test_quantities_and_their_limits_text() -> None:
+    assert signal_named("lateral_jerk").text(4.0) == "4.00 m/s³"
     assert ISO.criteria[2].text() == "at most 5 m/s³ in the mean of 0.5 s"
     assert ISO.criteria[0].text() == "at least 0 m"
 
@@ -406,8 +406,8 @@ def top_speed(located: LocatedDrive, _: float) -> FloatArray:
     return located.path.speed
 
 
-TOP_SPEED = Quantity("top_speed", "m/s", "of the car", 10.0, series=top_speed)
-SLOW = Profile("of the object", (Criterion("duration", 1e4, 0.0, "our handbook"),), "slow")
+TOP_SPEED = Signal("top_speed", "m/s", "of the car", 10.0, series=top_speed)
+SLOW = CriteriaSet("of the object", (Criterion("duration", 1e4, 0.0, "our handbook"),), "slow")
 NO_SERIES = replace(TOP_SPEED, name="no_series", series=lambda located, _: np.zeros(3))
 
 
@@ -426,14 +426,14 @@ def test_a_package_adds_quantities_and_profiles(monkeypatch: pytest.MonkeyPatch)
     result = judged(road, drive, profile)
     assert result.reason == "Top speed 15.00 m/s at 0 m (at most 12 m/s)"
     document = json.loads(json.dumps(profile.as_json()))
-    assert convert(document, Profile) == profile, "as a campaign records it"
+    assert convert(document, CriteriaSet) == profile, "as a campaign records it"
     broken = judged(road, drive, read_criteria("slow,no_series=1"))
     assert broken.outcome is Outcome.ERROR
     assert "one value a record is needed" in broken.reason
 
 
 def test_less_time_than_the_criteria_ask_for_is_said(tmp_path: Path) -> None:
-    rules = Rules(criteria=profiles()["after-un-r157"])
+    rules = Rules(criteria=criteria_sets()["after-un-r157"])
     for simulations, is_said in ((1, True), (20, False)):
         campaign = Campaign(
             strategy=RandomSearch(seed=1),
@@ -445,4 +445,4 @@ def test_less_time_than_the_criteria_ask_for_is_said(tmp_path: Path) -> None:
         assert campaign.run().failed == 0
         with CampaignStore.open(campaign.folder) as store:
             assert ("after-un-r157 asks for 300 s" in caution(store)) is is_said
-            assert ("less than the 5 min" in criteria_in_words(store)) is is_said
+            assert ("less than the 5 min" in criteria_text(store)) is is_said

@@ -29,7 +29,7 @@ def made_campaign(tmp_path_factory: pytest.TempPathFactory) -> Path:
         driver=Planner(),
         budget=Budget(simulations=60),
         folder=folder,
-        lookahead=16,
+        max_in_flight=16,
     ).run()
     return folder
 

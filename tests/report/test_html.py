@@ -23,7 +23,7 @@ from html_campaigns import HOSTILE, make_empty, make_hostile, make_refused
 
 from frenetic.analysis.clusters import Cluster, Clusters, distinct_failures, nearest_misses
 from frenetic.analysis.features import FEATURES, features_of
-from frenetic.analysis.segments import place_in_words, segments_of
+from frenetic.analysis.segments import place_text, segments_of
 from frenetic.analysis.statistics import proportion_interval
 from frenetic.campaign import Budget, Campaign, CampaignStore
 from frenetic.campaign.database import DATABASE
@@ -273,7 +273,7 @@ def test_roads_of_a_class_come_with_their_slopes(sloping: Path, searched: Path) 
     with CampaignStore.open(sloping) as store:
         for drive in page.data["drives"]:
             road, shown = store.test(drive["id"]).road, drive["road"]
-            assert shown["words"] == road.in_words()
+            assert shown["words"] == road.as_text()
             for name in profile.SHAPES:
                 assert shown[name] == pytest.approx(getattr(road, name), abs=1e-5)
     assert "urban-50, 50 km/h" in (sloping / "report.html").read_text(encoding="utf-8")
@@ -425,7 +425,7 @@ def test_minimised_roads_are_shown(copied: tuple[Path, list[int]]) -> None:
     assert short["drive"]["outcome"] == "FAIL"
     for drive in (drives[first], short["drive"]):
         line, place = drive["road"], drive["departure"]["distance"]
-        where = place_in_words(np.array(line["curvatures"]), line["step"], place)
+        where = place_text(np.array(line["curvatures"]), line["step"], place)
         assert f" {where}, " in drive["happens"], "the text is about the road in the picture"
     assert (drives[second]["minimised"], drives[third]["minimised"]) == (None, None)
     assert (drives[first]["road_file"], drives[second]["road_file"]) == (None, road)

@@ -251,7 +251,7 @@ def test_replay_shows_heights_slopes_and_widened_lanes(show: Show, sloping: Path
     ticks = [box_of(tick) for tick in page.locator(".plot-ticks span").all()]
     assert all(a["x"] + a["width"] < b["x"] for a, b in pairwise(ticks))
     assert float(page.locator("#car .body").get_attribute("width") or 0) > 9.0
-    expect(page.locator("dialog .facts")).to_contain_text(road.in_words())
+    expect(page.locator("dialog .facts")).to_contain_text(road.as_text())
 
 
 def test_keyboard_alone_is_enough(page: Page) -> None:
@@ -525,7 +525,7 @@ def test_the_domain_shows_its_cells_and_those_never_reached(show: Show, varied: 
     numbers, first = pairs.first.locator("td").all_text_contents(), found.pairs[0]
     counts = first.count, first.driven, first.failed, first.never_reached
     assert numbers[:4] == [str(number) for number in counts]
-    text = found.gaps[0].in_words().replace(" -", " \u2212")
+    text = found.gaps[0].as_text().replace(" -", " \u2212")
     gaps = page.locator("#domain .table").last.locator("tbody tr")
     expect(gaps.first).to_contain_text(text, ignore_case=True)
 

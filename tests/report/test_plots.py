@@ -19,7 +19,7 @@ from matplotlib.figure import Figure
 from test_picture import HAIRPIN, SHORT, WINDING, drive_along
 
 from frenetic import Campaign, EmbeddedSimulator, Frenetic, Planner
-from frenetic._support.notebook import Shown
+from frenetic._support.notebook import NotebookRepr
 from frenetic.analysis.clusters import distinct_failures
 from frenetic.analysis.comparison import compare_measured
 from frenetic.analysis.metrics import CampaignMeasures
@@ -78,7 +78,7 @@ def group(*failures: int, simulations: int = 40) -> tuple[CampaignMeasures, ...]
 SIX, FIVE = group(10, 11, 12, 13, 14, 15), group(3, 4, 5, 6, 7)
 
 
-def html(thing: Shown) -> str:
+def html(thing: NotebookRepr) -> str:
     """What a notebook shows."""
     text = thing._repr_html_()
     assert text is not None

@@ -27,7 +27,7 @@ def campaign(folder: Path, simulations: int = 80) -> Campaign:
         driver=Planner(),
         budget=Budget(simulations=simulations),
         folder=folder,
-        lookahead=16,
+        max_in_flight=16,
     )
 
 

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from repeats import failures_in, recorded, redriven
 
 from frenetic.campaign.second_drive import Match
-from frenetic.conditions.condition import quantities
+from frenetic.conditions.condition import known_conditions
 from frenetic.drivers import Planner
 from frenetic.errors import FreneticError
 from frenetic.oracle.outcome import Outcome
@@ -211,12 +211,15 @@ def test_the_text_counts_drives_with_the_same_failure() -> None:
 
 
 @given(
-    st.lists(st.sampled_from(list(quantities())), min_size=1, max_size=6, unique=True),
+    st.lists(st.sampled_from(list(known_conditions())), min_size=1, max_size=6, unique=True),
     st.integers(1, 30),
     st.integers(0, 99),
 )
 def test_each_range_is_covered_evenly(names: list[str], times: int, seed: int) -> None:
-    ranges = [Variation(name, quantities()[name].low, quantities()[name].high) for name in names]
+    ranges = [
+        Variation(name, known_conditions()[name].low, known_conditions()[name].high)
+        for name in names
+    ]
     worlds = draw_conditions(ranges, times, seed)
     assert len(worlds) == times
     for variation in ranges:
@@ -227,7 +230,7 @@ def test_each_range_is_covered_evenly(names: list[str], times: int, seed: int) -
         )
         assert parts == list(range(times))
     assert worlds == draw_conditions(ranges[::-1], times, seed), "the order of the ranges counts"
-    for name in quantities().keys() - names:
+    for name in known_conditions().keys() - names:
         assert {world.get(name) for world in worlds} == {None}
 
 
@@ -263,7 +266,7 @@ def test_usual_ranges_follow_the_simulator(campaign: Path) -> None:
     simulator = EmbeddedSimulator(friction=0.5)
     assert Variation.usual("friction", simulator) == Variation("friction", 0.4, 0.6)
     assert Variation.usual("speed", simulator) == Variation("speed", 63.0, 77.0)
-    for name in quantities():
+    for name in known_conditions():
         assert not Variation.usual(name, simulator).is_fixed
     with pytest.raises(FreneticError, match="DummySimulator cannot vary friction"):
         Variation.usual("friction", DummySimulator())
@@ -279,7 +282,7 @@ def test_usual_ranges_lie_on_both_sides_of_the_campaigns_own_amount() -> None:
         rules=Rules(speed_limit=50.0), friction=0.7, start_offset=0.5, start_heading=-0.1
     )
     amounts = {"friction": 0.7, "speed": 50.0, "lag": 0.1, "start": 0.5, "heading": -0.1}
-    for name, row in quantities().items():
+    for name, row in known_conditions().items():
         if row.attribute and name not in amounts:
             continue
         amount = amounts.get(name, 0.8 * row.usual[1])

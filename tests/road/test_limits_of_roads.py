@@ -186,4 +186,4 @@ def test_rules_keep_scale_or_ignore_the_limits_of_a_road() -> None:
 def test_words_name_the_limits_that_a_car_meets(
     limits: list[tuple[float, float]], text: str
 ) -> None:
-    assert Rules().limit_in_words(Road(np.zeros(15), speed_limits=limits)) == text
+    assert Rules().limit_text(Road(np.zeros(15), speed_limits=limits)) == text

@@ -12,8 +12,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from frenetic import Road, Trajectory
+from frenetic import Road
 from frenetic.errors import RoadError
+from frenetic.oracle import Trajectory
 from frenetic.oracle.drive import CarBody, Drive, Rules
 from frenetic.oracle.lane_share import share_outside
 from frenetic.oracle.outcome import Outcome

@@ -65,7 +65,7 @@ class Bounded(sqlite3.Connection):
 
 def full(folder: Path) -> dict[str, object]:
     whole, short = folder / "whole", folder / "short"
-    campaign(whole, 200, lookahead=16).run()
+    campaign(whole, 200, max_in_flight=16).run()
     expected = contents(whole)
     for left_over in whole.iterdir():
         left_over.unlink()

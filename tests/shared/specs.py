@@ -6,7 +6,7 @@ from typing import Any
 
 from hypothesis import strategies as st
 
-from frenetic.conditions.condition import Quantity, quantities
+from frenetic.conditions.condition import Condition, known_conditions
 from frenetic.spec import Part, Spec
 
 names = st.from_regex(r"[a-z][a-z_]{0,8}", fullmatch=True)
@@ -33,7 +33,7 @@ DOMAINS: Any = [
 ]
 
 
-def _amounts(row: Quantity) -> st.SearchStrategy[float]:
+def _amounts(row: Condition) -> st.SearchStrategy[float]:
     """Amounts that have an effect."""
     return st.floats(row.low, row.high).filter(lambda amount: amount != row.nothing)
 
@@ -43,7 +43,7 @@ ENTRIES: dict[str, st.SearchStrategy[Any]] = {
     "driver": PARTS,
     "simulator": PARTS,
     "with": st.fixed_dictionaries(
-        {}, optional={name: _amounts(row) for name, row in quantities().items()}
+        {}, optional={name: _amounts(row) for name, row in known_conditions().items()}
     ),
     "speed_limit": positive,
     "oob_tolerance": st.floats(0.01, 1.0),
@@ -60,7 +60,7 @@ ENTRIES: dict[str, st.SearchStrategy[Any]] = {
     "failures": counts,
     "from": st.lists(texts.filter(bool), max_size=2),
     "seed": st.integers(0, 2**62),
-    "lookahead": counts,
+    "max_in_flight": counts,
     "workers": st.integers(1, 1024) | st.just("tcp://10.0.0.1:8786"),
 }
 """Entry -> values that it may have, but for real roads, whose class is read from their files."""

@@ -6,9 +6,10 @@ import math
 
 import numpy as np
 
-from frenetic import Drive, Driver, DriveSetup, Road, Rules, Trajectory
+from frenetic import Drive, Driver, DriveSetup, Road, Rules
 from frenetic.drivers.driver import blaming_driver, checked_controls
 from frenetic.errors import DriverError, Trouble
+from frenetic.oracle import Trajectory
 from frenetic.simulators import CarBody, Observer
 
 PERIOD = 0.05  # s

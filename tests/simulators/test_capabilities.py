@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from frenetic.conditions.condition import quantities
+from frenetic.conditions.condition import known_conditions
 from frenetic.drivers import Delayed, Driver, Planner
 from frenetic.drivers.loading import load_driver
 from frenetic.errors import DriverError, FreneticError
@@ -89,8 +89,8 @@ def test_preloaded_modules_exist(simulator: Any) -> None:
 def test_a_class_says_which_quantities_its_simulators_lay(kind: type) -> None:
     of_class, of_one = usual(kind), capabilities(kind())
     assert of_class.variable == of_one.variable
-    laid = [row.name for row in quantities().values() if of_class.lays(row)]
-    simulator, names = kind(), {row.name: row for row in quantities().values()}
+    laid = [row.name for row in known_conditions().values() if of_class.lays(row)]
+    simulator, names = kind(), {row.name: row for row in known_conditions().values()}
     for name, row in names.items():
         if name in laid:
             check_can_vary(simulator, [name])
@@ -103,7 +103,7 @@ def test_a_class_says_which_quantities_its_simulators_lay(kind: type) -> None:
 def test_every_quantity_that_one_of_ours_lays_is_an_option_of_it() -> None:
     kinds: tuple[Any, ...] = (EmbeddedSimulator, MetaDriveSimulator, CommonRoadSimulator)
     for kind in kinds:
-        for row in quantities().values():
+        for row in known_conditions().values():
             if row.attribute != "rules" and row.attribute in usual(kind).variable:
                 amount = 0.25 * row.usual[0] + 0.75 * row.usual[1]
                 simulator: Any = kind(**{row.attribute: amount})

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from frenetic.conditions.condition import quantities
+from frenetic.conditions.condition import known_conditions
 from frenetic.drivers import Delayed, Driver, LimitedView, Noisy, Planner
 from frenetic.drivers.wrappers import compiled_form
 from frenetic.errors import FreneticError
@@ -121,7 +121,7 @@ def test_a_value_that_a_simulator_refuses_is_one_line() -> None:
 
 def test_the_table_of_quantities_is_true() -> None:
     """Both ends of every quantity's range can be driven in."""
-    for name, quantity in quantities().items():
+    for name, quantity in known_conditions().items():
         for value in (quantity.low, quantity.high):
             driver = MarkingFollower() if name in appearance.ALL else Planner()
             simulator = EmbeddedSimulator()

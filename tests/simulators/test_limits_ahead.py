@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from frenetic import Controls, DriveSetup, EmbeddedSimulator, Observation, Planner, Road, Stanley
-from frenetic.criteria.criterion import Profile
+from frenetic.criteria.criterion import CriteriaSet
 from frenetic.drivers import BeamngAi, LimitedView
 from frenetic.drivers.builtin import BuiltIn
 from frenetic.drivers.wrappers import Hasty
@@ -87,7 +87,7 @@ def test_road_with_one_limit_is_driven_as_if_the_rules_said_it() -> None:
 
 
 def test_criterion_judges_by_the_limit_where_the_car_is() -> None:
-    criteria = Profile.from_entries("own", {"speed_excess": 6.0})
+    criteria = CriteriaSet.from_entries("own", {"speed_excess": 6.0})
     rules = Rules(speed_limit=50.0, criteria=criteria)
     sharp = replace(STRAIGHT, speed_limits=np.array([[0.0, 50.0], [200.0, 30.0]]))
     drive = EmbeddedSimulator(rules=replace(rules, road_limits="ignored")).drive(sharp, Planner())

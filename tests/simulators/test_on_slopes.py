@@ -20,7 +20,6 @@ from frenetic import (
     Road,
     Rules,
     SteppedSimulator,
-    Trajectory,
     Vehicle,
 )
 from frenetic.campaign import RoadTester
@@ -28,6 +27,7 @@ from frenetic.drivers import Delayed, Driver, Stanley
 from frenetic.drivers.driver import DRAG_FADE_SPEED
 from frenetic.drivers.loading import load_driver
 from frenetic.errors import RoadError
+from frenetic.oracle import Trajectory
 from frenetic.oracle.outcome import Outcome
 from frenetic.plugins.beamng import BeamngSimulator
 from frenetic.plugins.metadrive import MetaDriveSimulator

@@ -7,10 +7,11 @@ import math
 import numpy as np
 import pytest
 
-from frenetic import DriveSetup, Pose, Road, Stanley
+from frenetic import DriveSetup, Road, Stanley
 from frenetic.errors import DriverError
 from frenetic.oracle.outcome import Outcome
 from frenetic.oracle.verdict import judge
+from frenetic.road import Pose
 from frenetic.simulators import Motion, SteppedSimulator
 from frenetic.simulators.capabilities import capabilities, check_pair
 

@@ -7,11 +7,12 @@ import math
 import numpy as np
 import pytest
 
-from frenetic import EmbeddedSimulator, Road, Trajectory
+from frenetic import EmbeddedSimulator, Road
 from frenetic._support.arrays import FloatArray
 from frenetic.drivers import Controls, Driver, DriveSetup, Observation, Planner, Stanley
 from frenetic.drivers.wrappers import Hasty
 from frenetic.errors import FreneticError
+from frenetic.oracle import Trajectory
 from frenetic.simulators.conditions import in_conditions
 from frenetic.simulators.embedded.vehicle import AIR_DENSITY, PULL_LEFT, Vehicle
 from frenetic.simulators.embedded.weather import (

@@ -22,7 +22,7 @@ from frenetic.analysis.groups import group_campaigns
 from frenetic.campaign import Campaign, CampaignStore, RoadTester
 from frenetic.campaign.configuration import driving_spec, fault_of, recorded_spec
 from frenetic.conditions.domain import Domain
-from frenetic.criteria.criterion import Profile
+from frenetic.criteria.criterion import CriteriaSet
 from frenetic.drivers import Planner
 from frenetic.errors import CampaignError, FreneticError
 from frenetic.rerun.rerun import rerun_with
@@ -240,7 +240,7 @@ def test_rules_that_are_not_set_are_the_callers() -> None:
         speed_limit=50.0, stuck_time=5.0, oob_tolerance=0.5
     )
     judged = Spec(criteria="after-iso-11270").rules_over(usual)
-    assert judged.criteria == Profile.of("after-iso-11270")
+    assert judged.criteria == CriteriaSet.of("after-iso-11270")
 
 
 # How it drives
@@ -286,7 +286,7 @@ def test_a_spec_makes_the_parts_that_it_names(tmp_path: Path) -> None:
         simulator="embedded,friction=0.7",
         criteria="speed_limit=50",
         seed=7,
-        lookahead=3,
+        max_in_flight=3,
         simulations=5,
         wall_limit=7.0,
     )
@@ -416,7 +416,7 @@ LINE = f"{SOURCE} is damaged: it does not say with what it was driven: "
     [
         ("map_size", 1e999, "Expected `float` <= "),
         ("margin", -2.0, "Expected `float` >= 0.0 - at `$.margin`"),
-        ("lookahead", 0, "Expected `int` >= 1 - at `$.lookahead`"),
+        ("max_in_flight", 0, "Expected `int` >= 1 - at `$.max_in_flight`"),
         ("workers", 1.5, "Expected `int | str`, got `float` - at `$.workers`"),
         ("conditions", {"delay": "long"}, "got `str` - at `$.conditions[...]`"),
         ("car", MISSING, "missing required field `car`"),

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 
-class Shown:
+class NotebookRepr:
     """Base of classes that a notebook shows as HTML, by the function of an entry point.
 
     The first in the group ``frenetic.notebook`` is called with the object. Without any a notebook

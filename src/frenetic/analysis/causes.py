@@ -24,7 +24,7 @@ import numpy.typing as npt
 
 from frenetic._support.arrays import FloatArray
 from frenetic.analysis.segments import Segment, bend_of_place, bends_of, segment_of
-from frenetic.criteria.criterion import DRIVER, EDGE_DISTANCE, LANE, quantity
+from frenetic.criteria.criterion import DRIVER, EDGE_DISTANCE, LANE, signal_named
 from frenetic.oracle.drive import Drive
 from frenetic.oracle.outcome import Outcome
 from frenetic.oracle.verdict import TIMED_OUT, Side, judge
@@ -81,10 +81,10 @@ class Cause(NamedTuple):
     """Name of the signal whose limit the drive exceeds, for `Kind.EXCEEDS`; else empty."""
 
 
-def in_words(kind: Kind, bends: Side | None = None, criterion: str = "") -> str:
+def as_text(kind: Kind, bends: Side | None = None, criterion: str = "") -> str:
     """Return a kind of cause in words, in bends to one side, or to either side for None."""
     if kind is Kind.EXCEEDS:
-        text = kind.value.format(quantity(criterion).words)
+        text = kind.value.format(signal_named(criterion).words)
         return text if bends is None else f"{text} in {bends}-hand bends"
     return kind.value.format("" if bends is None else f"{bends}-hand ")
 

@@ -29,7 +29,7 @@ import numpy.typing as npt
 
 from frenetic._support.arrays import FloatArray
 from frenetic._support.words import counted, lane_words
-from frenetic.analysis.causes import Cause, in_words
+from frenetic.analysis.causes import Cause, as_text
 from frenetic.analysis.failures import Failure, describe, failures_of
 from frenetic.analysis.segments import (
     segments_of,
@@ -204,10 +204,10 @@ def _cause_words(clusters: list[Cluster]) -> str:
     side, most = sides.most_common(1)[0]
     share = most / sides.total()
     if side is None or share < _MOSTLY:
-        return in_words(kind, None, criterion)
+        return as_text(kind, None, criterion)
     if share > _NEARLY_ALL:
-        return in_words(kind, side, criterion)
-    return f"{in_words(kind, None, criterion)}, mostly {side}-hand"
+        return as_text(kind, side, criterion)
+    return f"{as_text(kind, None, criterion)}, mostly {side}-hand"
 
 
 def distinct_failures(store: CampaignStore, limit: int | None = COMPARED) -> Clusters:

@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 
 from frenetic._support.files import require_list
-from frenetic._support.notebook import Shown
+from frenetic._support.notebook import NotebookRepr
 from frenetic._support.words import counted, oob_unit
 from frenetic.analysis.groups import differing_parts, parts_of, shared_parts
 from frenetic.analysis.metrics import (
@@ -163,7 +163,7 @@ class MeasureComparison:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Comparison(Shown):
+class Comparison(NotebookRepr):
     """Comparison of groups of campaigns."""
 
     groups: Mapping[str, tuple[CampaignMeasures, ...]]

@@ -18,7 +18,7 @@ import numpy.typing as npt
 from frenetic._support.arrays import FloatArray
 from frenetic.campaign.counts import FirstTests
 from frenetic.campaign.record import Test
-from frenetic.conditions.condition import named, quantity
+from frenetic.conditions.condition import condition_named, named
 from frenetic.conditions.domain import Domain
 from frenetic.oracle.outcome import Outcome
 from frenetic.road.classes import RoadClass
@@ -115,7 +115,9 @@ class Axis:
             return 0.0 if candidate.grade is None else 100.0 * np.abs(candidate.grade[:, 1]).max()
         amount = candidate.conditions.get(self.name)
         # An amount without effect is not recorded.
-        return quantity(self.name).nothing if amount is None and not self.has_usual else amount
+        return (
+            condition_named(self.name).nothing if amount is None and not self.has_usual else amount
+        )
 
 
 def _text(edge: float) -> str:
@@ -145,7 +147,7 @@ def varied_axes(conditions: Sequence[Mapping[str, float]]) -> list[Axis]:
 
 
 def _condition_axis(name: str, low: float, high: float, has_usual: bool) -> Axis:
-    return Axis(name, name, quantity(name).unit, _round_edges(low, high), has_usual)
+    return Axis(name, name, condition_named(name).unit, _round_edges(low, high), has_usual)
 
 
 def _road_axes(road_class: RoadClass | None) -> list[Axis]:
@@ -244,7 +246,7 @@ class Gap:
             return "less than 1 drive in 10,000"
         return f"1 drive in {round(float(f'{1.0 / self.share:.2g}')):,}"
 
-    def in_words(self) -> str:
+    def as_text(self) -> str:
         """Return the cells as text, such as ``friction 0.1 to 0.2 with delay as usual``."""
         return " with ".join(axis.words(cell) for axis, cell in self.cells)
 
@@ -313,7 +315,7 @@ class DomainCoverage:
         listed = (gap for gap in gaps if len(gap.cells) == 1 or alone.isdisjoint(gap.cells))
         return tuple(sorted(listed, key=lambda gap: -gap.share))
 
-    def in_words(self) -> str:
+    def as_text(self) -> str:
         """Return the coverage of the pairs of cells in words."""
         parts = self.pairs or self.singles
         count, driven, failed, missing = (

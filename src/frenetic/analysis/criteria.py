@@ -7,7 +7,7 @@ import numpy as np
 from frenetic.campaign.store import CampaignStore
 
 
-def criteria_in_words(store: CampaignStore) -> str:
+def criteria_text(store: CampaignStore) -> str:
     """Return the criteria beside the lane's, and what was driven, in words; empty without any.
 
     Raises:
@@ -25,7 +25,7 @@ def criteria_in_words(store: CampaignStore) -> str:
             begun = speed[int(np.argmax(speed >= 0.5 * speed.max())) :]
             speeds = [min(speeds[0], float(begun.min())), max(speeds[1], float(speed.max()))]
             sharpest = max(sharpest, float(np.abs(test.road.curvatures).max()))
-    words = [profile.in_words()]
+    words = [profile.as_text()]
     if time > 0.0:
         least = f", radii from {1.0 / sharpest:.0f} m" if sharpest > 1e-4 else ""
         text = f"driven for {time / 60.0:.1f} min at {speeds[0]:.0f} to {speeds[1]:.0f} km/h{least}"

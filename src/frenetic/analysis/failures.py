@@ -14,10 +14,10 @@ from typing import Final
 import numpy as np
 
 from frenetic._support.arrays import FloatArray
-from frenetic.analysis.causes import Cause, Kind, cause_of, in_words
+from frenetic.analysis.causes import Cause, Kind, as_text, cause_of
 from frenetic.analysis.segments import (
     Segment,
-    place_in_words,
+    place_text,
     segment_of_test,
 )
 from frenetic.campaign.record import Test
@@ -171,7 +171,7 @@ def describe(failure: Failure) -> str:
         return str(failure.fault)
     event = "fails in its lane" if failure.side is None else f"leaves to the {failure.side}"
     if failure.cause is not None and failure.cause.kind is Kind.EXCEEDS:
-        event = in_words(Kind.EXCEEDS, None, failure.cause.criterion)
+        event = as_text(Kind.EXCEEDS, None, failure.cause.criterion)
     if failure.criterion == EDGE_DISTANCE:
         event = f"comes too near to the {failure.side} edge"
     if failure.is_near_miss:
@@ -182,5 +182,5 @@ def describe(failure: Failure) -> str:
     speed = f"at {now:.0f} km/h"
     if fastest - now > _SLOWS * 3.6:
         speed = f"slowing from {fastest:.0f} to {now:.0f} km/h"
-    place = place_in_words(failure.curvatures, failure.step, failure.place)
+    place = place_text(failure.curvatures, failure.step, failure.place)
     return f"{event} {place}, {speed}"

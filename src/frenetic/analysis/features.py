@@ -13,7 +13,7 @@ import numpy as np
 
 from frenetic._support.arrays import FloatArray
 from frenetic.analysis.segments import Segment, heading_range
-from frenetic.criteria.criterion import quantity
+from frenetic.criteria.criterion import signal_named
 from frenetic.oracle.signals import series
 
 HEADING_BINS: Final = 10
@@ -105,7 +105,7 @@ def _worst_values(segment: Segment) -> dict[str, float]:
     """Return the largest lateral acceleration and jerk in a segment; 0 without finite values."""
     worst = {}
     for name in ("lateral_acceleration", "lateral_jerk"):
-        signal = series(name, segment.signals, quantity(name).window)
+        signal = series(name, segment.signals, signal_named(name).window)
         values = np.abs(signal[segment.first : segment.last])
         worst[name] = float(values[np.isfinite(values)].max(initial=0.0))
     return worst

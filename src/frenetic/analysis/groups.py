@@ -15,9 +15,9 @@ from frenetic._support.files import require_list
 from frenetic.campaign.database import DATABASE
 from frenetic.campaign.objective import MOOBD
 from frenetic.campaign.store import CampaignStore
-from frenetic.conditions.condition import in_words as conditions_in_words
+from frenetic.conditions.condition import as_text as conditions_text
 from frenetic.conditions.domain import Domain
-from frenetic.criteria.criterion import Profile
+from frenetic.criteria.criterion import CriteriaSet
 from frenetic.errors import CampaignError
 from frenetic.parts.registry import part_name
 from frenetic.parts.versions import short_version
@@ -29,14 +29,14 @@ from frenetic.spec.terms import Terms
 PARTS: Final = (
     *("strategy", "driver", "simulator", "rules", "budget"),
     *(item.name for item in fields(Terms)),
-    *("lookahead", "objective", "start_from", "behaviours"),
+    *("max_in_flight", "objective", "start_from", "behaviours"),
 )
 """Parts of a configuration that are equal in repeats; the strategy's seed differs."""
 
 _NAMED: Final[Mapping[str, Any]] = {
     "road_class": RoadClass,
     "domain": Domain,
-    "criteria": Profile,
+    "criteria": CriteriaSet,
 }
 """Part that a user names -> its class."""
 
@@ -137,7 +137,7 @@ def _word(part: str, value: Any, others: Sequence[Any]) -> str:
     if part in _NAMED:
         return _named_word(part, value, others)
     if part == "conditions":
-        return f"with {conditions_in_words(value)}" if value else "in the usual conditions"
+        return f"with {conditions_text(value)}" if value else "in the usual conditions"
     if not isinstance(value, dict):
         return f"{part}={_text(value)}"
     if "class" not in value:
@@ -170,7 +170,7 @@ def _named_word(part: str, value: Any, others: Sequence[Any]) -> str:
             if any(other["conditions"].get(name) != amounts for other in alike)
         }
         name = str(value["name"])
-        text = convert({"name": name, "conditions": differing}, Domain).in_words()
+        text = convert({"name": name, "conditions": differing}, Domain).as_text()
         return f"in {text if differing else name}"
     first, *rest = ({**entries, "sources": None} for entries in (value, *alike))
     settings = _settings(first, rest)
@@ -222,9 +222,9 @@ def shared_parts(configurations: Sequence[Mapping[str, Any]]) -> dict[str, str]:
 
 def _in_words(part: str, value: Any) -> str:
     if part in _NAMED:
-        return str(convert(value, _NAMED[part]).in_words())
+        return str(convert(value, _NAMED[part]).as_text())
     if part == "conditions":
-        return conditions_in_words(value)
+        return conditions_text(value)
     if not isinstance(value, Mapping):
         return _text(value)
     if "class" in value:

@@ -10,7 +10,7 @@ from frenetic.analysis.features import FEATURES, Features, features_of
 from frenetic.analysis.segments import segment_of
 from frenetic.campaign.record import Test
 from frenetic.campaign.store import CampaignStore
-from frenetic.conditions.condition import quantities, quantity
+from frenetic.conditions.condition import condition_named, known_conditions
 from frenetic.errors import UnknownNameError
 from frenetic.oracle.outcome import Outcome, chosen_outcomes
 
@@ -47,10 +47,10 @@ def list_tests(
     wanted = chosen_outcomes(outcomes)
     names = [*within, *([] if sort in ORDERS else [sort])]
     for name in names:
-        if name not in FEATURES and name not in quantities():
+        if name not in FEATURES and name not in known_conditions():
             raise UnknownNameError(
                 f"no feature, condition or order is called {name!r}: choose from"
-                f" {', '.join([*ORDERS, *FEATURES, *quantities()])}"
+                f" {', '.join([*ORDERS, *FEATURES, *known_conditions()])}"
             )
     for name, (low, high) in within.items():
         if low > high:
@@ -77,7 +77,7 @@ def _values(store: CampaignStore, record: Test, names: Collection[str]) -> Featu
             values |= features_of(segment_of(test.road, test.drive, test.result.finding))
     for name in names:
         if name not in FEATURES:
-            amount = record.candidate.conditions.get(name, quantity(name).nothing)
+            amount = record.candidate.conditions.get(name, condition_named(name).nothing)
             if amount is not None:
                 values[name] = amount
     return values

@@ -300,7 +300,7 @@ def bend_of_place(bends: Sequence[Bend], place: float) -> Bend | None:
     return next(iter([*around, *behind, *ahead]), None)
 
 
-def place_in_words(curvatures: FloatArray, step: float, place: float) -> str:
+def place_text(curvatures: FloatArray, step: float, place: float) -> str:
     """Return a place of a road in words: ``10 m behind a left-hand bend of 15 m radius``.
 
     Args:

@@ -1,7 +1,7 @@
 """One search with its budget, on disk."""
 
 from frenetic.campaign.campaign import Campaign
-from frenetic.campaign.defaults import LOOKAHEAD, new_folder
+from frenetic.campaign.defaults import MAX_IN_FLIGHT, new_folder
 from frenetic.campaign.objective import evaluate
 from frenetic.campaign.record import Test
 from frenetic.campaign.store import CampaignStore
@@ -10,7 +10,7 @@ from frenetic.campaign.tester import RoadTester
 from frenetic.spec import Budget
 
 __all__ = [
-    "LOOKAHEAD",
+    "MAX_IN_FLIGHT",
     "Budget",
     "Campaign",
     "CampaignStore",

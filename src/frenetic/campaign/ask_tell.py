@@ -405,7 +405,7 @@ class ToldCampaign(Campaign):
         **others: Any,
     ) -> None:
         super().__init__(simulator=TellingSimulator(rules), driver=TellingDriver(name), **others)
-        self.lookahead = None
+        self.max_in_flight = None
         self._answer = answer
         self._requests = requests
         self._client = _Client(self.tester, requests, answer, self.folder / TOLD)

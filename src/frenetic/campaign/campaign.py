@@ -17,7 +17,7 @@ from msgspec import structs, to_builtins
 from frenetic._support.bounds import require_count
 from frenetic._support.files import require_list
 from frenetic._support.json_value import JSONValue, plain
-from frenetic._support.notebook import Shown
+from frenetic._support.notebook import NotebookRepr
 from frenetic._support.words import counted
 from frenetic.campaign.code_record import SETTING, CodeRecord
 from frenetic.campaign.configuration import SPEC, EarlierCampaign, earlier_of
@@ -25,11 +25,11 @@ from frenetic.campaign.defaults import (
     checked_drive_limit,
     checked_terms,
     checked_workers,
+    default_max_in_flight,
     new_folder,
     prepare,
     require_strategy,
     require_warm_start,
-    usual_lookahead,
     usual_workers,
 )
 from frenetic.campaign.guarded_strategy import (
@@ -67,11 +67,11 @@ from frenetic.spec import USUAL, Budget, Spec
 from frenetic.spec.part_record import PARTS
 from frenetic.spec.terms import Terms
 
-_LOGGED: Final = ("seed", *PARTS, "budget", "workers", "lookahead", "versions")
+_LOGGED: Final = ("seed", *PARTS, "budget", "workers", "max_in_flight", "versions")
 """Entries of the configuration that stand in the log's first line."""
 
 
-class Campaign(Shown):
+class Campaign(NotebookRepr):
     """One search with its budget.
 
     Args:
@@ -89,9 +89,9 @@ class Campaign(Shown):
             simulator and a driver of its own.
         isolate: whether a single worker, too, drives in a process of its own, unless only compiled
             code of ours drives.
-        lookahead: candidates outstanding at once; the strategy learns their results in the order of
-            asking. So the campaign depends on lookahead and seed, but not on the number and speed
-            of the workers. By default 1 with one worker, `LOOKAHEAD` or more with several.
+        max_in_flight: candidates outstanding at once; the strategy learns their results in the
+            order of asking. So the campaign depends on max_in_flight and seed, not on number and
+            speed of the workers. By default 1 with one worker, `MAX_IN_FLIGHT` or more.
         drive_limit: wall time in s after which a worker that tests one road counts as hanging; by
             default 1.5 times the simulator's ``wall_limit`` and 10 s.
         objective: name of the value that the strategy minimises, see `frenetic.campaign.objective`.
@@ -121,7 +121,7 @@ class Campaign(Shown):
         folder: Path | str | None = None,
         workers: int | str = 1,
         isolate: bool = False,
-        lookahead: int | None = None,
+        max_in_flight: int | None = None,
         drive_limit: float | None = None,
         objective: str = MOOBD,
         start_from: Iterable[Path | str] = (),
@@ -151,10 +151,10 @@ class Campaign(Shown):
         self.workers = workers
         """Number of roads driven at once, or the address of a Dask scheduler."""
         self.isolate = isolate
-        self._is_usual_lookahead = lookahead is None
-        if lookahead is None:
-            lookahead = usual_lookahead(workers)
-        self.lookahead: int | None = require_count("lookahead", lookahead)
+        self._is_default_in_flight = max_in_flight is None
+        if max_in_flight is None:
+            max_in_flight = default_max_in_flight(workers)
+        self.max_in_flight: int | None = require_count("max_in_flight", max_in_flight)
         """None for as many as the workers have room for."""
         self.drive_limit = drive_limit
         self.folder = new_folder() if folder is None else Path(folder)
@@ -209,9 +209,11 @@ class Campaign(Shown):
             terms=tester.terms,
             budget=spec.budget,
             folder=folder,
-            workers=workers or spec.workers or usual_workers(spec.budget, spec.lookahead, tester),
+            workers=workers
+            or spec.workers
+            or usual_workers(spec.budget, spec.max_in_flight, tester),
             isolate=isolate,
-            lookahead=spec.lookahead,
+            max_in_flight=spec.max_in_flight,
             objective=spec.named_objective,
             start_from=spec.start_from,
             from_roads=spec.from_roads,
@@ -225,7 +227,11 @@ class Campaign(Shown):
         if spec is None or spec.strategy is None:
             return None
         limits = {} if self.budget is None else asdict(self.budget)
-        more: dict[str, Any] = {**limits, "workers": self.workers, "lookahead": self.lookahead}
+        more: dict[str, Any] = {
+            **limits,
+            "workers": self.workers,
+            "max_in_flight": self.max_in_flight,
+        }
         return structs.replace(spec, **more, signed=None)
 
     @property
@@ -246,7 +252,7 @@ class Campaign(Shown):
             "rules": tester.simulator.rules.as_json(),
             "budget": self.budget,
             "workers": self.workers,
-            "lookahead": self.lookahead,
+            "max_in_flight": self.max_in_flight,
             "objective": self.objective.name,
             "start_from": self.start_from,
             "from_roads": self.from_roads,
@@ -391,9 +397,9 @@ class Campaign(Shown):
             self._keep_margin()
             self.start_from = earlier_of(store.config)
             earlier = earlier_evaluations(store, self.objective)
-            lookahead = store.config["lookahead"]
-            if self._is_usual_lookahead and isinstance(lookahead, int):
-                self.lookahead = lookahead
+            max_in_flight = store.config["max_in_flight"]
+            if self._is_default_in_flight and isinstance(max_in_flight, int):
+                self.max_in_flight = max_in_flight
             self._code.require_same(store, self.configuration(), self.next_campaign)
             store.require_sound()
             summary, outstanding = replay(
@@ -444,7 +450,7 @@ class Campaign(Shown):
             self._state = None
             self._session = session = SearchSession(
                 SearchPlan(
-                    self.strategy, self.objective, self._required_budget, limit, self.lookahead
+                    self.strategy, self.objective, self._required_budget, limit, self.max_in_flight
                 ),
                 state,
                 store,
@@ -473,7 +479,7 @@ class Campaign(Shown):
             isolate=self.isolate,
             drive_limit=self.drive_limit,
             log=log,
-            ahead=self.lookahead != 1,
+            ahead=self.max_in_flight != 1,
             keep=isinstance(self.strategy, ObservingStrategy),
         )
 

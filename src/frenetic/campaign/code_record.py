@@ -24,7 +24,7 @@ from frenetic.spec.terms import Setting
 
 SETTING: Final = tuple(item.name for item in fields(Setting))
 """Entries of the configuration that its `Setting` has, too."""
-_TERMS: Final = (*(name for name in SETTING if name != "car"), "lookahead", "objective")
+_TERMS: Final = (*(name for name in SETTING if name != "car"), "max_in_flight", "objective")
 """Entries of the configuration that must not change before a resume."""
 
 

@@ -102,7 +102,7 @@ _ENTRIES: Final[list[Any]] = [
     ("driver", _Described),
     ("budget", Budget),
     ("workers", Count | str, 1),
-    ("lookahead", Count | None, None),
+    ("max_in_flight", Count | None, None),
     ("objective", str, "moobd"),
     ("start_from", tuple[EarlierCampaign, ...], ()),
     ("from_roads", str | None, None),

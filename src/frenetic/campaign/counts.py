@@ -130,7 +130,7 @@ class Counts:
             "min_moobd": self.min_moobd,
         }
 
-    def in_words(self) -> str:
+    def as_text(self) -> str:
         """Return the counts in a line: ``90 tests of 88 different roads: 70 passed, 20 failed``.
 
         Of failed tests that repeat earlier ones it says how many: ``20 failed (2 repeats)``.

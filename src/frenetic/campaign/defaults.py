@@ -22,7 +22,7 @@ from frenetic.spec.values import require_worker_count
 
 CAMPAIGNS: Final = Path("campaigns")
 """Default parent of campaigns' folders."""
-LOOKAHEAD: Final = 16
+MAX_IN_FLIGHT: Final = 16
 """Candidates outstanding at once where several workers drive (ours)."""
 QUICK_DRIVES: Final = 1000
 """Most simulations of a campaign of compiled drives that one process finishes before workers have
@@ -72,20 +72,20 @@ def checked_workers(workers: int | str) -> int | str:
     return require_worker_count(require_count("workers", workers))
 
 
-def usual_workers(budget: Budget | None, lookahead: int | None, tester: RoadTester) -> int:
+def usual_workers(budget: Budget | None, max_in_flight: int | None, tester: RoadTester) -> int:
     """Return the number of workers that are of use, by default one per core."""
     workers = capabilities(tester.simulator).usual_workers or available_cores()
     drives = None if budget is None else budget.simulations
     if drives is not None and drives <= QUICK_DRIVES and tester.drives_compiled:
         return 1
-    return workers if lookahead is None else min(workers, lookahead)
+    return workers if max_in_flight is None else min(workers, max_in_flight)
 
 
-def usual_lookahead(workers: int | str) -> int:
+def default_max_in_flight(workers: int | str) -> int:
     """Return the number of candidates that are outstanding at once, unless a user says another."""
     if workers == 1:
         return 1
-    return max(LOOKAHEAD, workers) if isinstance(workers, int) else LOOKAHEAD
+    return max(MAX_IN_FLIGHT, workers) if isinstance(workers, int) else MAX_IN_FLIGHT
 
 
 def checked_drive_limit(drive_limit: float | None, simulator: Simulator) -> float:

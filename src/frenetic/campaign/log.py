@@ -143,7 +143,7 @@ class CampaignLog:
         """Write how far the campaign is."""
         self.write(
             LogEvent.PROGRESS,
-            f"{summary.in_words()}{summary.worst_in_words},"
+            f"{summary.as_text()}{summary.worst_as_text},"
             f" {summary.budget_spent:.1%} of the budget spent",
             **summary.counts_json(),
             **summary.objective_json,

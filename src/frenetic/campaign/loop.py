@@ -59,7 +59,7 @@ class SearchPlan:
     budget: Budget
     limit: int | None
     """Number of simulations at which this run stops within the budget; None for no such limit."""
-    lookahead: int | None
+    max_in_flight: int | None
     """Candidates outstanding at once; None for as many as the workers have room for."""
 
 
@@ -212,10 +212,10 @@ class Dispatcher:
         most = self._plan.budget.simulations
         if self._summary.told_share is None and most is not None and simulations >= most:
             return False
-        if self._plan.lookahead is None:
+        if self._plan.max_in_flight is None:
             return len(self._waiting) < self._workers.free
         # Also after an interrupt or within a limit: asking must not depend on its moment.
-        return len(self._outstanding) < self._plan.lookahead
+        return len(self._outstanding) < self._plan.max_in_flight
 
     @property
     def _again(self) -> Candidate | None:

@@ -26,7 +26,7 @@ import numpy as np
 from frenetic._support.words import lane_words
 from frenetic.campaign.record import Test
 from frenetic.campaign.store import CampaignStore
-from frenetic.criteria.criterion import QUANTITIES, quantity
+from frenetic.criteria.criterion import SIGNALS, signal_named
 from frenetic.errors import CampaignError, describe_raised
 from frenetic.oracle.drive import Drive, Trajectory
 from frenetic.oracle.measures import measure_criteria
@@ -107,7 +107,7 @@ class Objective:
         return -value if self.higher_is_worse else value
 
 
-def in_words(store: CampaignStore) -> str:
+def as_text(store: CampaignStore) -> str:
     """Return a campaign's objective, its worst value for the driver, and the test with it."""
     name = str(store.config.get("objective", MOOBD))
     built_in = OBJECTIVES.built_in.get(name)
@@ -120,12 +120,12 @@ def in_words(store: CampaignStore) -> str:
 
 
 def worst_value(name: str, value: float) -> str:
-    """Return the worst value of an objective among drives, in words; see `value_in_words`."""
-    text = value_in_words(name, value)
+    """Return the worst value of an objective among drives, in words; see `value_text`."""
+    text = value_text(name, value)
     return text if name in OBJECTIVES.built_in else f"worst {text}"
 
 
-def value_in_words(name: str, value: float) -> str:
+def value_text(name: str, value: float) -> str:
     """Return an objective's value for a drive, with its unit: ``largest lateral jerk 9.60 m/s³``.
 
     Args:
@@ -136,8 +136,8 @@ def value_in_words(name: str, value: float) -> str:
         return f"worst margin to a criterion {value:.3g}"
     if name == OOB_SHARE:
         return f"at most {100.0 * value:.0f} % of the car outside its lane"
-    if (row := name.replace("-", "_")) in QUANTITIES:
-        measure = quantity(row)
+    if (row := name.replace("-", "_")) in SIGNALS:
+        measure = signal_named(row)
         text = f"{measure.words} {measure.text(value)}"
         return f"{'least' if measure.is_least else 'largest'} {text}"
     return f"{name} {value:.3g}"
@@ -247,7 +247,7 @@ class Worst:
 
     def __init__(self, name: str) -> None:
         self.name = name
-        self.higher_is_worse = not quantity(name).is_least
+        self.higher_is_worse = not signal_named(name).is_least
 
     def _measured(self, road: Road, drive: Drive) -> Measurement | None:
         return worst(self.name, locate_drive(road, drive))
@@ -265,7 +265,7 @@ class Worst:
 
 def __getattr__(name: str) -> Measure:
     """Return the objective of a built-in quantity."""
-    if name in QUANTITIES:
+    if name in SIGNALS:
         return Worst(name)
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
 

@@ -14,7 +14,7 @@ from typing import Any, Final, Literal, TypeAlias
 from msgspec import convert
 
 from frenetic._support.json_value import JSONValue
-from frenetic._support.notebook import Shown
+from frenetic._support.notebook import NotebookRepr
 from frenetic._support.outside_text import read_json
 from frenetic.campaign.counts import Counts, FirstTests, road_key
 from frenetic.campaign.database import DATABASE, EARLIER_TESTS, TESTS, Tables, listed, translated
@@ -52,7 +52,7 @@ _ROADS: Final = (
 _ORDERS: Final = {"told": "told", "moobd": "moobd IS NULL, moobd, told"}
 
 
-class CampaignReader(Shown):
+class CampaignReader(NotebookRepr):
     """The reading side of a `CampaignStore`.
 
     Each read first calls `write`, so it sees the rows that waited.

@@ -18,7 +18,7 @@ import numpy as np
 from msgspec import convert, to_builtins
 
 from frenetic._support.bounds import Count, Finite, Index, NotNegative, Share
-from frenetic._support.notebook import Shown
+from frenetic._support.notebook import NotebookRepr
 from frenetic._support.outside_text import read_json
 from frenetic.campaign.trajectory_codec import decode, encode, rounded
 from frenetic.errors import IS_KILLED, CampaignError, Trouble
@@ -110,7 +110,7 @@ class Attempt:
 
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
-class Test(Shown):
+class Test(NotebookRepr):
     """One road test: a candidate with its result."""
 
     __test__: ClassVar[bool] = False  # no test class of pytest's

@@ -145,7 +145,7 @@ class SearchSession:
         self.log.progress(end)
         last = LogEvent.INTERRUPTED if is_interrupted else LogEvent.FINISHED
         fields: dict[str, Any] = end.as_json()
-        self.log.write(last, end.in_words(), **fields)
+        self.log.write(last, end.as_text(), **fields)
         return end
 
 

@@ -88,7 +88,7 @@ class Summary(Counts):
             self.worst = value if self.worst is None else objective.worse(value, self.worst)
 
     @property
-    def worst_in_words(self) -> str:
+    def worst_as_text(self) -> str:
         """The car's least distance to its lane's edge, and an objective's worst value, in words."""
         texts, least = [], self.min_moobd
         if least is not None:
@@ -156,7 +156,7 @@ class Progress(Counts):
         return Summary(**asdict(self) | {"folder": Path(self.folder)})
 
 
-def facts_in_words(facts: object) -> str:
+def facts_text(facts: object) -> str:
     """Return a strategy's facts in a line; empty without facts."""
     items = facts.items() if isinstance(facts, Mapping) else ()
     texts = (

@@ -130,16 +130,16 @@ def take_roads(
     reasons = [f"left out: {reason}" for reason in files.skipped[:_REASONS]]
     if len(files.skipped) > _REASONS:
         reasons.append(f"left out: {len(files.skipped) - _REASONS} more")
-    limits = _limits_in_words([test.candidate for test in tests], tester)
+    limits = _limits_text([test.candidate for test in tests], tester)
     text = f"{taken} {counted(len(files.roads), 'real road')}{unread}; {limits}"
     return text, reasons, tests
 
 
-def _limits_in_words(stretches: Sequence[Candidate], tester: RoadTester) -> str:
+def _limits_text(stretches: Sequence[Candidate], tester: RoadTester) -> str:
     """Return the speed limits on stretches, and the limit where a file says none, in words."""
     rules, class_name = tester.setting.rules_in({}), getattr(tester.terms.road_class, "name", "")
     if rules.road_limits == "ignored":
-        return f"speed limit {rules.limit_in_words()}"
+        return f"speed limit {rules.limit_text()}"
     steps = [
         profile.piece_of(profile.LIMITS, road.speed_limits, 0.0, road.length)
         for road in stretches
@@ -147,7 +147,7 @@ def _limits_in_words(stretches: Sequence[Candidate], tester: RoadTester) -> str:
     ]
     limits = [float(limit) for pairs in steps for limit in pairs[:, 1] if limit > 0.0]
     count = len(stretches) - sum(len(pairs) > 0 and bool(pairs[:, 1].all()) for pairs in steps)
-    assumed = rules.limit_in_words(class_name=class_name)
+    assumed = rules.limit_text(class_name=class_name)
     if not limits:
         return f"no file says a speed limit: {assumed}"
     text = f"speed limits of the files: {min(limits):.4g} to {max(limits):.4g} km/h"

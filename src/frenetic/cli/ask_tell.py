@@ -70,7 +70,7 @@ def ask_tell(
                 rules=spec.rules,
             )
         summary = campaign.serve()
-    echo(f"{summary.in_words()}, results in {folder}", err=True)
+    echo(f"{summary.as_text()}, results in {folder}", err=True)
 
 
 def _lines() -> Iterator[str]:

@@ -46,7 +46,7 @@ def check(campaign: Path, as_json: bool) -> None:
         print_facts(
             [
                 ("campaign", str(report.folder)),
-                ("results", counts.in_words()),
+                ("results", counts.as_text()),
                 ("waiting", f"{waiting:,} asked and not told"),
                 ("drives", f"{report.trajectories:,} trajectories"),
                 ("on disk", f"{report.size / 1e6:,.1f} MB{per_test}"),

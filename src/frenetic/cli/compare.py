@@ -219,7 +219,7 @@ def print_comparison(comparison: Comparison) -> None:
     sizes = ", ".join(f"{len(campaigns)} of {n}" for n, campaigns in comparison.groups.items())
     echo(f"Campaigns: {sizes}")
     for name, campaigns in comparison.groups.items():
-        echo(f"{name}: {Counts.total(campaign.counts for campaign in campaigns).in_words()}")
+        echo(f"{name}: {Counts.total(campaign.counts for campaign in campaigns).as_text()}")
     if len(comparison.groups) <= _MOST_COLUMNS:
         _print_by_measure(comparison)
     else:

@@ -126,7 +126,7 @@ def _print(result: BackToBack, old: Spec, new: Spec) -> None:
     for version, spec, driver in (("old", old, result.old), ("new", new, result.new)):
         echo(f"{version}: {shell(str(spec.part('driver')))} ({short_version(innermost(driver))})")
     if result.domain is not None:
-        echo(f"domain: {result.domain.in_words()}")
+        echo(f"domain: {result.domain.as_text()}")
     sets = {"fresh roads": result.fresh, "old's failing roads": result.known}
     print_table(
         ("", ">judged", ">old fails", ">new fails", *(f">{change}" for change in Change)),

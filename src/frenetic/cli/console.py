@@ -28,13 +28,13 @@ from frenetic._support.words import (
 )
 from frenetic.cli import Invocation, echo, silence
 from frenetic.conditions.condition import SPEED
-from frenetic.criteria.criterion import DRIVER, LANE, quantity
+from frenetic.criteria.criterion import DRIVER, LANE, signal_named
 
 if TYPE_CHECKING:
     from frenetic.analysis import Clusters
     from frenetic.campaign import CampaignStore, Summary, Test
     from frenetic.campaign.counts import Counts
-    from frenetic.criteria.criterion import Profile
+    from frenetic.criteria.criterion import CriteriaSet
     from frenetic.oracle.verdict import Result
     from frenetic.road import Road
     from frenetic.spec.terms import Setting
@@ -110,7 +110,7 @@ def progress_text(progress: Summary) -> str:
     """Progress of a search in one line."""
     left = progress.seconds_left
     return (
-        f"{progress.in_words()}{progress.worst_in_words},"
+        f"{progress.as_text()}{progress.worst_as_text},"
         f" {rate_words(progress.tests_per_second)},"
         f" {'?' if left is None else format_duration(left)} left"
     )
@@ -340,7 +340,7 @@ def causes_json(clusters: Clusters, shortened: Mapping[int, Test]) -> list[dict[
     ]
 
 
-def limit_in_words(
+def limit_text(
     setting: Setting,
     road: Road | None = None,
     conditions: Mapping[str, float] = MappingProxyType({}),
@@ -353,7 +353,7 @@ def limit_in_words(
         conditions: of the drive's own.
     """
     class_name = "" if setting.road_class is None else setting.road_class.name
-    return setting.rules_in(conditions).limit_in_words(road, class_name)
+    return setting.rules_in(conditions).limit_text(road, class_name)
 
 
 def limit_of_search(setting: Setting, from_roads: object) -> str:
@@ -366,7 +366,7 @@ def limit_of_search(setting: Setting, from_roads: object) -> str:
     domain, rules = setting.domain, setting.rules_in({})
     if domain is not None and SPEED in domain.conditions:
         return f"drawn from {domain.name}"
-    limit = limit_in_words(setting)
+    limit = limit_text(setting)
     if from_roads is None or rules.road_limits == "ignored":
         return limit
     scaling = "" if rules.road_limits == "kept" else f", scaled to {rules.speed_limit:.4g} km/h"
@@ -395,7 +395,7 @@ def facts_of_drive(
     findings = () if result.departure is None else result.findings  # else the reason names them
     for finding in findings:
         if finding.criterion not in (LANE, DRIVER):
-            measure = quantity(finding.criterion)
+            measure = signal_named(finding.criterion)
             side = f" to the {finding.side}" if finding.side else ""
             text = f"{measure.words} {measure.text(finding.value)}{side}"
             where = f"at {finding.distance:.1f} m and {finding.time:.2f} s"
@@ -412,7 +412,7 @@ def facts_of_drive(
     return facts
 
 
-def print_measures(rows: Sequence[Mapping[str, Any]], criteria: Profile) -> None:
+def print_measures(rows: Sequence[Mapping[str, Any]], criteria: CriteriaSet) -> None:
     """Prints what was measured in a drive, with the limits of its criteria."""
     if not rows:
         return

@@ -17,7 +17,7 @@ from frenetic.cli.console import (
     Log,
     announced_compilation,
     facts_of_drive,
-    limit_in_words,
+    limit_text,
     print_facts,
     print_measures,
     shell,
@@ -38,7 +38,7 @@ from frenetic.cli.options import (
     source_arguments,
 )
 from frenetic.cli.rerun_options import campaign_spec, file_spec
-from frenetic.conditions.condition import in_words, without
+from frenetic.conditions.condition import as_text, without
 from frenetic.spec import Spec
 
 if TYPE_CHECKING:
@@ -407,8 +407,8 @@ def _print(
         [
             ("road", f"{asked.road.length:.1f} m, {asked.name}"),
             ("driver", "; ".join(_who(spec, asked.recorded, document))),
-            ("limit", limit_in_words(tester.setting, asked.road, asked.conditions)),
-            ("conditions", in_words({**spec.amounts, **asked.conditions})),
+            ("limit", limit_text(tester.setting, asked.road, asked.conditions)),
+            ("conditions", as_text({**spec.amounts, **asked.conditions})),
             *facts_of_drive(
                 result,
                 result.duration if result.outcome.is_driven else None,

@@ -21,7 +21,7 @@ from msgspec import Meta, structs
 from frenetic._support.words import part_word, read_part, read_setting
 from frenetic.cli.console import Log
 from frenetic.cli.options import Decorator, with_options
-from frenetic.conditions.condition import amounts_in, quantity
+from frenetic.conditions.condition import amounts_in, condition_named
 from frenetic.errors import FreneticError
 from frenetic.parts.registry import SIMULATORS
 from frenetic.parts.trust import NOT_DRIVING, REGISTRIES, Parts, is_here, named_code
@@ -101,7 +101,7 @@ def _takes_text(entry: str) -> bool:
 def _read_amount(text: str) -> tuple[str, float]:
     """(name, amount) of a quantity, from NAME=VALUE."""
     name, equals, amount_text = (part.strip() for part in text.partition("="))
-    row = quantity(name)
+    row = condition_named(name)
     try:
         amount = float(amount_text) if equals else math.nan
     except ValueError:
@@ -239,7 +239,7 @@ class CommandOptions:
         options = cls(Spec(**said), context.params.get(AS), is_trusted, kinds=kinds)
         simulator_options = options.spec.part("simulator").options
         for name in options.spec.conditions:
-            if quantity(name).attribute in simulator_options:
+            if condition_named(name).attribute in simulator_options:
                 raise click.UsageError(f"{name} is there twice, in --with and in --simulator")
         return options
 

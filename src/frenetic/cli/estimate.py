@@ -117,7 +117,7 @@ def estimate(
         echo(json.dumps(result.as_json()))
         log.print(kept, markup=False)
         return
-    echo(result.in_words())
+    echo(result.as_text())
     echo(
         f"{result.plain} plain drives over {result.kilometres:.0f} km had"
         f" {counted(result.failures, 'failure')}"

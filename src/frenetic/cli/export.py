@@ -23,7 +23,7 @@ from frenetic.cli.options import (
     road_option,
     source_arguments,
 )
-from frenetic.conditions.condition import in_words
+from frenetic.conditions.condition import as_text
 from frenetic.oracle.outcome import Outcome
 from frenetic.parts.registry import hint
 
@@ -190,7 +190,7 @@ def _export_roads(
         ]
     for exported, _ in written:
         test = exported.test
-        if test is not None and (conditions := in_words(test.candidate.conditions)):
+        if test is not None and (conditions := as_text(test.candidate.conditions)):
             Log().print(
                 f"Note: test {test.id} was driven with {conditions}, which the file does not say;"
                 f" 'frenetic show {shell(source)} {test.id}' does",

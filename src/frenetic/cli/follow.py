@@ -71,7 +71,7 @@ def _facts(state: CampaignState, folder: Path) -> list[tuple[str, str]]:
         ("search", f"{', '.join(state.parts)}{seed}"),
         ("status", status),
         ("budget", f"{summary.budget_spent:.1%} spent, {times}"),
-        ("results", summary.in_words()),
+        ("results", summary.as_text()),
     ]
 
 

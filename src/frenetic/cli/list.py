@@ -11,9 +11,9 @@ import click
 from frenetic.cli import echo
 from frenetic.cli.console import print_table
 from frenetic.cli.options import json_option
-from frenetic.conditions.condition import quantities
-from frenetic.criteria.criterion import QUANTITIES, profiles
-from frenetic.criteria.criterion import quantity as quantity_of
+from frenetic.conditions.condition import known_conditions
+from frenetic.criteria.criterion import SIGNALS, criteria_sets
+from frenetic.criteria.criterion import signal_named as quantity_of
 from frenetic.errors import FreneticError
 from frenetic.parts.registry import DRIVERS, OBJECTIVES, SIMULATORS, STRATEGIES
 
@@ -73,7 +73,7 @@ def _documents(kind: str) -> list[dict[str, Any]]:
     if kind == "roads":
         return [road_class.as_json() for road_class in _classes()]
     if kind == "criteria":
-        return [criteria_set.as_json() for criteria_set in profiles().values()]
+        return [criteria_set.as_json() for criteria_set in criteria_sets().values()]
     if kind != "quantities":
         registry = _REGISTRIES[kind]
         return [
@@ -93,7 +93,7 @@ def _documents(kind: str) -> list[dict[str, Any]]:
             "needs_camera": row.needs_camera,
             "about": row.about,
         }
-        for row in quantities().values()
+        for row in known_conditions().values()
     ]
 
 
@@ -105,7 +105,7 @@ def _laid_by(simulator: str) -> list[str] | None:
         usual = usual_of(simulator)
     except FreneticError:  # its package is broken
         return None
-    rows = quantities().values()
+    rows = known_conditions().values()
     return [row.name for row in rows if usual.lays(row) and not row.needs_camera]
 
 
@@ -138,13 +138,12 @@ def _print_classes(title: str | None) -> None:
 
 def _print_criteria(title: str | None) -> None:
     """Print the sets of criteria side by side, a quantity in each row."""
-    criteria_sets = profiles()
+    sets = criteria_sets()
     limits = {
-        name: {c.quantity: c for c in criteria_set.criteria}
-        for name, criteria_set in criteria_sets.items()
+        name: {c.quantity: c for c in criteria_set.criteria} for name, criteria_set in sets.items()
     }
     names = dict.fromkeys(
-        [*QUANTITIES, *(name for set_limits in limits.values() for name in set_limits)]
+        [*SIGNALS, *(name for set_limits in limits.values() for name in set_limits)]
     )
     rows = [
         (
@@ -157,8 +156,8 @@ def _print_criteria(title: str | None) -> None:
         )
         for name in names
     ]
-    print_table(("limit", *criteria_sets, ""), rows, title=title)
-    for name, criteria_set in criteria_sets.items():
+    print_table(("limit", *sets, ""), rows, title=title)
+    for name, criteria_set in sets.items():
         left_out = f" Left out: {criteria_set.left_out}." if criteria_set.left_out else ""
         echo(f"{name}: {criteria_set.about}.{left_out}")
     echo(
@@ -184,14 +183,14 @@ def _print(kind: str, title: str | None) -> None:
                     f"{row.usual[0]:g} to {row.usual[1]:g}{' times' if row.is_relative else ''}",
                     row.about,
                 )
-                for row in quantities().values()
+                for row in known_conditions().values()
             ],
             title=title,
         )
         return
     registry = _REGISTRIES[kind]
     entries = registry.entries()
-    laid, layers = [], [row for row in quantities().values() if row.layer]
+    laid, layers = [], [row for row in known_conditions().values() if row.layer]
     if registry is SIMULATORS:
         over = [row.name for row in layers]
         laid = [", ".join(n for n in _laid_by(e.name) or () if n not in over) for e in entries]

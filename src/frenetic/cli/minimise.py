@@ -227,7 +227,7 @@ def _print(work: Work, minimised: Minimised) -> None:
             not minimised.is_guarded
         ),
     }
-    conditions = minimised.conditions_in_words()
+    conditions = minimised.conditions_text()
     print_facts(
         [
             ("fails", minimised.smallest.reason),

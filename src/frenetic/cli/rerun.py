@@ -31,7 +31,7 @@ from frenetic.cli.rerun_options import (
     shown_driving,
 )
 from frenetic.cli.search import fail_on_failure_option
-from frenetic.conditions.condition import in_words
+from frenetic.conditions.condition import as_text
 
 if TYPE_CHECKING:
     from frenetic.campaign import CampaignStore, RoadTester
@@ -197,7 +197,7 @@ def _print(result: Rerun, times: int, *, is_as_before: bool, with_rows: bool) ->
     headings = [">fails", ">same failure", ">95 % interval", "it is", "what matters"]
     if times == 1:
         headings = [">now (m)", "it", "how", "what happened now"]
-    conditions = [in_words(test.conditions) or None for test in tests]
+    conditions = [as_text(test.conditions) or None for test in tests]
     rows = [
         (
             test.id,

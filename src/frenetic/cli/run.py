@@ -19,7 +19,7 @@ from frenetic.cli.entries import (
 )
 from frenetic.cli.options import folder_option, json_option
 from frenetic.cli.search import fail_on_failure_option, make_campaign, search
-from frenetic.conditions.condition import in_words
+from frenetic.conditions.condition import as_text
 from frenetic.parts.trust import is_here
 from frenetic.spec import Spec
 from frenetic.spec.part_record import PARTS
@@ -69,7 +69,7 @@ def run(
         spec = _with_search(spec)
     campaign = make_campaign(spec, new_folder() if out is None else out, folder)
     strategy, driver, simulator = map(spec.part, PARTS)
-    conditions = f" with {in_words(spec.conditions)}" if spec.conditions else ""
+    conditions = f" with {as_text(spec.conditions)}" if spec.conditions else ""
     text = (
         f"Searching with {strategy} for roads on which {driver} fails in {simulator}{conditions},"
         f" seed {spec.seed}; speed limit"
@@ -80,7 +80,7 @@ def run(
 
 def _with_search(spec: Spec) -> Spec:
     """The spec with a budget, a seed and a look-ahead."""
-    from frenetic.campaign import LOOKAHEAD
+    from frenetic.campaign import MAX_IN_FLIGHT
     from frenetic.parts.registry import STRATEGIES  # with what it loads, too slow for help
 
     usual: dict[str, Any] = {}
@@ -88,7 +88,7 @@ def _with_search(spec: Spec) -> Spec:
         usual["simulations"] = DEFAULT_SIMULATIONS
     if spec.seed is None:
         usual["seed"] = secrets.randbelow(2**31)
-    if spec.lookahead is None:
+    if spec.max_in_flight is None:
         strategy = STRATEGIES.load(spec.part("strategy").name)
-        usual["lookahead"] = getattr(strategy, "usual_lookahead", None) or LOOKAHEAD
+        usual["max_in_flight"] = getattr(strategy, "default_max_in_flight", None) or MAX_IN_FLIGHT
     return Spec.of(spec, usual)

@@ -289,20 +289,20 @@ def _next_command(folder: Path, summary: Summary, *, is_clean: bool) -> str:
 
 
 def _print_summary(summary: Summary, times: str, worst: str, error: str, failing: str) -> None:
-    from frenetic.campaign.summary import facts_in_words
+    from frenetic.campaign.summary import facts_text
 
     stopped = "Interrupted: " if summary.interrupted else ""
     echo(
         f"{stopped}{counted(summary.simulations, 'simulation')} in"
         f" {times}, {rate_words(summary.tests_per_second)}"
-        f"{summary.worst_in_words}{worst}"
+        f"{summary.worst_as_text}{worst}"
     )
-    echo(summary.in_words())
+    echo(summary.as_text())
     if summary.slow_driver:
         echo(summary.slow_driver)
     if failing:
         echo(failing)
-    if metrics := facts_in_words(summary.facts):
+    if metrics := facts_text(summary.facts):
         echo(f"Search:      {metrics}")
     if error:
         echo(f"The first error: {error}")

@@ -17,8 +17,8 @@ from frenetic.cli.console import (
     clusters_json,
     facts_of_drive,
     first_error,
-    limit_in_words,
     limit_of_search,
+    limit_text,
     print_causes,
     print_facts,
     print_failures,
@@ -34,8 +34,8 @@ from frenetic.cli.options import (
     json_option,
     ranges,
 )
-from frenetic.conditions.condition import in_words as conditions_in_words
-from frenetic.conditions.condition import quantity
+from frenetic.conditions.condition import as_text as conditions_text
+from frenetic.conditions.condition import condition_named
 from frenetic.errors import CampaignError, FreneticError
 from frenetic.oracle.outcome import Outcome
 from frenetic.parts.versions import innermost, short_version
@@ -161,7 +161,7 @@ def _list_tests(
         document = {"folder": str(store.folder), "matching": len(tests), "listed": rows}
         echo(json.dumps(document))
         return
-    units = [(FEATURES[name] if name in FEATURES else quantity(name)).unit for name in names]
+    units = [(FEATURES[name] if name in FEATURES else condition_named(name)).unit for name in names]
     headings = [
         f">{name}{f' ({unit})' if unit else ''}" for name, unit in zip(names, units, strict=True)
     ]
@@ -201,12 +201,12 @@ def _show_campaign(store: CampaignStore, as_json: bool) -> None:
     from frenetic.analysis.caution import caution
     from frenetic.analysis.clusters import LISTED, distinct_failures, nearest_misses
     from frenetic.analysis.coverage import domain_coverage
-    from frenetic.analysis.criteria import criteria_in_words
+    from frenetic.analysis.criteria import criteria_text
     from frenetic.campaign.configuration import earlier_of
     from frenetic.campaign.guarded_strategy import FACTS
-    from frenetic.campaign.objective import in_words
+    from frenetic.campaign.objective import as_text
     from frenetic.campaign.second_drive import not_repeatable
-    from frenetic.campaign.summary import facts_in_words
+    from frenetic.campaign.summary import facts_text
     from frenetic.campaign.warm_start import still_failing
     from frenetic.report.minimised import minimised_drives
     from frenetic.rerun.estimate import FailureRate
@@ -238,23 +238,23 @@ def _show_campaign(store: CampaignStore, as_json: bool) -> None:
             ("campaign", str(store.folder)),
             *((kind, _part(config, kind)) for kind in PARTS),
             ("seed", "" if config.get("seed") is None else str(config["seed"])),
-            ("conditions", conditions_in_words(_conditions(store))),
+            ("conditions", conditions_text(_conditions(store))),
             (
                 "rules",
                 f"speed limit {limit}, {rules.oob_tolerance:g} of the car may be out, map of"
                 f" {setting.map_size:g} m",
             ),
-            ("criteria", criteria_in_words(store)),
-            ("roads", "" if setting.road_class is None else setting.road_class.in_words()),
-            ("domain", "" if setting.domain is None else setting.domain.in_words()),
-            ("how often", "" if rate is None else rate.in_words()),
-            ("objective", in_words(store)),
+            ("criteria", criteria_text(store)),
+            ("roads", "" if setting.road_class is None else setting.road_class.as_text()),
+            ("domain", "" if setting.domain is None else setting.domain.as_text()),
+            ("how often", "" if rate is None else rate.as_text()),
+            ("objective", as_text(store)),
             *(("starts from", str(earlier)) for earlier in earlier_of(config)),
             ("budget", budget),
             ("go on", _going_on(store)),
-            ("results", counts.in_words()),
+            ("results", counts.as_text()),
             ("known before", still_failing(store)),
-            ("search", facts_in_words(facts.get(FACTS))),
+            ("search", facts_text(facts.get(FACTS))),
             ("note", not_repeatable(facts)),
             ("note", str(facts.get("notice") or "")),
             ("note", caution(store)),
@@ -319,20 +319,20 @@ def _coverage(coverage: DomainCoverage) -> Iterator[tuple[str, str]]:
             for i, (drives, failures) in enumerate(zip(cells.drives, cells.failures, strict=True))
         )
         yield f"{axis.title}{f' ({axis.unit})' if axis.unit else ''}", ", ".join(texts)
-    yield "together", coverage.in_words()
+    yield "together", coverage.as_text()
     for i, gap in enumerate(coverage.gaps[:LISTED_GAPS]):
-        yield "" if i else "never reached", f"{gap.in_words()}, {gap.likelihood}"
+        yield "" if i else "never reached", f"{gap.as_text()}, {gap.likelihood}"
     if coverage.outside:
         yield "outside", f"{counted(coverage.outside, 'drive')}, which count nowhere"
 
 
 def _cause(test: Test) -> str:
     """What the driver did wrong in a failed test; empty if it is unknown or in its reason."""
-    from frenetic.analysis.causes import in_words
+    from frenetic.analysis.causes import as_text
     from frenetic.analysis.failures import Failure
 
     failure = Failure.of_test(test)
-    return "" if failure is None or failure.cause is None else in_words(*failure.cause)
+    return "" if failure is None or failure.cause is None else as_text(*failure.cause)
 
 
 def _part(config: Mapping[str, Any], kind: str) -> str:
@@ -342,7 +342,7 @@ def _part(config: Mapping[str, Any], kind: str) -> str:
 
 
 def _show_test(store: CampaignStore, test_id: int, as_json: bool) -> None:
-    from frenetic.campaign.objective import value_in_words
+    from frenetic.campaign.objective import value_text
     from frenetic.campaign.status import signed_driving
     from frenetic.campaign.warm_start import driven_again
     from frenetic.report.failures import FAILURES, PICTURES, file_stem, road_document
@@ -382,10 +382,10 @@ def _show_test(store: CampaignStore, test_id: int, as_json: bool) -> None:
             ("cause", _cause(test)),
             (
                 "conditions",
-                conditions_in_words({**_conditions(store), **test.candidate.conditions}),
+                conditions_text({**_conditions(store), **test.candidate.conditions}),
             ),
-            ("road", test.road.in_words()),
-            ("limit", limit_in_words(store.setting, test.road, test.candidate.conditions)),
+            ("road", test.road.as_text()),
+            ("limit", limit_text(store.setting, test.road, test.candidate.conditions)),
             (
                 "minimised",
                 ""
@@ -394,7 +394,7 @@ def _show_test(store: CampaignStore, test_id: int, as_json: bool) -> None:
             ),
             ("driver", _part(store.config, "driver")),
             *facts_of_drive(test.result, test.result.duration, test.road.lane_width),
-            ("objective", "" if value is None else value_in_words(objective, value)),
+            ("objective", "" if value is None else value_text(objective, value)),
             ("curvatures", " ".join(f"{value:.4f}" for value in test.road.curvatures)),
             ("picture", drawn),
         ]

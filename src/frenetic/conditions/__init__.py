@@ -4,14 +4,14 @@ TYPE_CHECKING = False  # importing `typing` takes time
 if TYPE_CHECKING:
     from typing import Any
 
-    from frenetic.conditions.condition import Quantity, quantities
+    from frenetic.conditions.condition import Condition, known_conditions
     from frenetic.conditions.domain import Distribution, Domain
 
 _MODULES = {
     "Distribution": "frenetic.conditions.domain",
     "Domain": "frenetic.conditions.domain",
-    "Quantity": "frenetic.conditions.condition",
-    "quantities": "frenetic.conditions.condition",
+    "Condition": "frenetic.conditions.condition",
+    "known_conditions": "frenetic.conditions.condition",
 }
 """Public name -> module from which `__getattr__` imports it on use."""
 
@@ -22,4 +22,4 @@ def __getattr__(name: str) -> "Any":
     return import_name(__name__, _MODULES, name)
 
 
-__all__ = ["Distribution", "Domain", "Quantity", "quantities"]
+__all__ = ["Condition", "Distribution", "Domain", "known_conditions"]

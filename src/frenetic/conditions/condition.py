@@ -36,7 +36,7 @@ MAX_START_HEADING: Final = math.pi / 4.0
 
 
 @dataclass(frozen=True, kw_only=True)
-class Quantity:
+class Condition:
     """A quantity of a drive's conditions."""
 
     name: str
@@ -120,7 +120,7 @@ class Quantity:
 
 
 _BUILT_IN: Final = (
-    Quantity(
+    Condition(
         name="friction",
         about="friction of the road, 1 is dry",
         low=0.01,
@@ -129,7 +129,7 @@ _BUILT_IN: Final = (
         is_relative=True,
         attribute="friction",
     ),
-    Quantity(
+    Condition(
         name="wet",
         about="friction on one wet stretch of 40 m, as a share of the road's",
         low=0.05,
@@ -139,7 +139,7 @@ _BUILT_IN: Final = (
         attribute="wet",
         words=("a wetter stretch", "a drier stretch"),
     ),
-    Quantity(
+    Condition(
         name="wet_at",
         about="place of the middle of the wet stretch along the road",
         unit="m",
@@ -150,7 +150,7 @@ _BUILT_IN: Final = (
         place_of="wet",
         words=("an earlier wet stretch", "a later wet stretch"),
     ),
-    Quantity(
+    Condition(
         name="gust",
         about="speed of one gust across 60 m of the road, to the left",
         unit="m/s",
@@ -161,7 +161,7 @@ _BUILT_IN: Final = (
         attribute="gust",
         words=("more gust to the right", "more gust to the left"),
     ),
-    Quantity(
+    Condition(
         name="gust_at",
         about="place of the middle of the gust along the road",
         unit="m",
@@ -172,7 +172,7 @@ _BUILT_IN: Final = (
         place_of="gust",
         words=("an earlier gust", "a later gust"),
     ),
-    Quantity(
+    Condition(
         name="load",
         about="mass of passengers and luggage, of which the driver is not told",
         unit="kg",
@@ -182,7 +182,7 @@ _BUILT_IN: Final = (
         nothing=0.0,
         attribute="load",
     ),
-    Quantity(
+    Condition(
         name="overspeed",
         about="what the driver takes the speed limit for above what it is",
         unit="km/h",
@@ -192,7 +192,7 @@ _BUILT_IN: Final = (
         nothing=0.0,
         layer="frenetic.drivers.wrappers:Hasty",
     ),
-    Quantity(
+    Condition(
         name=SPEED,
         about="speed limit; of a road with several, the highest, and the others in proportion",
         unit="km/h",
@@ -203,7 +203,7 @@ _BUILT_IN: Final = (
         attribute="rules",
         words=("a lower speed limit", "a higher speed limit"),
     ),
-    Quantity(
+    Condition(
         name="noise",
         about="standard deviation of the driver's error about its lateral place",
         unit="m",
@@ -214,7 +214,7 @@ _BUILT_IN: Final = (
         layer="frenetic.drivers.wrappers:Noisy",
         is_seeded=True,
     ),
-    Quantity(
+    Condition(
         name="delay",
         about="time until the driver's controls arrive",
         unit="s",
@@ -224,7 +224,7 @@ _BUILT_IN: Final = (
         nothing=0.0,
         layer="frenetic.drivers.wrappers:Delayed",
     ),
-    Quantity(
+    Condition(
         name="lag",
         about="time constant of the steering",
         unit="s",
@@ -235,7 +235,7 @@ _BUILT_IN: Final = (
         attribute="steering_lag",
         words=("less steering lag", "more steering lag"),
     ),
-    Quantity(
+    Condition(
         name="start",
         about="place of the start, to the left of the lane's centre",
         unit="m",
@@ -245,7 +245,7 @@ _BUILT_IN: Final = (
         attribute="start_offset",
         words=("a start further right", "a start further left"),
     ),
-    Quantity(
+    Condition(
         name="heading",
         about="heading at the start, to the left of the road's direction",
         unit="rad",
@@ -255,7 +255,7 @@ _BUILT_IN: Final = (
         attribute="start_heading",
         words=("a start turned to the right", "a start turned to the left"),
     ),
-    Quantity(
+    Condition(
         name="view",
         about="length of the road ahead that the driver sees",
         unit="m",
@@ -271,7 +271,7 @@ _BUILT_IN: Final = (
 _BY_NAME: Final = {row.name: row for row in _BUILT_IN}
 
 
-def quantities() -> Mapping[str, Quantity]:
+def known_conditions() -> Mapping[str, Condition]:
     """Return all quantities by name: the built-in ones, then those from installed packages.
 
     Raises:
@@ -281,7 +281,7 @@ def quantities() -> Mapping[str, Quantity]:
 
 
 @cache
-def _table(entries: tuple[RegisteredPart, ...]) -> Mapping[str, Quantity]:
+def _table(entries: tuple[RegisteredPart, ...]) -> Mapping[str, Condition]:
     table = dict(_BY_NAME)
     for entry in entries:
         for row in imported(entry.target):
@@ -296,26 +296,26 @@ def _table(entries: tuple[RegisteredPart, ...]) -> Mapping[str, Quantity]:
 
 def named(conditions: Mapping[str, float]) -> list[str]:
     """Return the names of the conditions' quantities, without places and the seed."""
-    return [name for name in conditions if name != SEED and not quantity(name).place_of]
+    return [name for name in conditions if name != SEED and not condition_named(name).place_of]
 
 
 def without(conditions: Mapping[str, float], *names: str) -> dict[str, float]:
     """Return the conditions without some quantities, their places, and an unneeded seed."""
     left = [other for other in named(conditions) if other not in names]
-    has_seed = any(quantity(other).is_seeded for other in left)
+    has_seed = any(condition_named(other).is_seeded for other in left)
     return {
         other: amount
         for other, amount in conditions.items()
         if other not in names
-        and (has_seed if other == SEED else (quantity(other).place_of or other) in left)
+        and (has_seed if other == SEED else (condition_named(other).place_of or other) in left)
     }
 
 
-def in_words(conditions: Mapping[str, float]) -> str:
+def as_text(conditions: Mapping[str, float]) -> str:
     """Return conditions in words, such as ``friction 0.4, gust 12 m/s at 80 m``."""
-    texts = {name: quantity(name).text(conditions[name]) for name in named(conditions)}
+    texts = {name: condition_named(name).text(conditions[name]) for name in named(conditions)}
     for name, amount in conditions.items():
-        if name != SEED and (of := quantity(name).place_of) in texts:
+        if name != SEED and (of := condition_named(name).place_of) in texts:
             texts[of] += f" at {amount:g} m"
     return ", ".join(texts.values())
 
@@ -332,7 +332,7 @@ def _attributes(entries: tuple[RegisteredPart, ...]) -> frozenset[str]:
 
 def amounts_in(options: Mapping[str, Any]) -> dict[str, Any]:
     """Return the amounts that a simulator's options set: name of a quantity -> its amount."""
-    names = {row.attribute: row.name for row in quantities().values() if row.attribute}
+    names = {row.attribute: row.name for row in known_conditions().values() if row.attribute}
     return {names[option]: amount for option, amount in options.items() if option in names}
 
 
@@ -344,11 +344,11 @@ def require_allowed(amounts: Mapping[str, float]) -> None:
         ValueError: an amount is out of its quantity's range.
     """
     for name, amount in amounts.items():
-        if name != SEED and amount != quantity(name).nothing:
-            quantity(name).require(amount)
+        if name != SEED and amount != condition_named(name).nothing:
+            condition_named(name).require(amount)
 
 
-def quantity(name: str) -> Quantity:
+def condition_named(name: str) -> Condition:
     """Return the quantity with this name.
 
     Raises:
@@ -356,7 +356,7 @@ def quantity(name: str) -> Quantity:
     """
     if (built_in := _BY_NAME.get(name)) is not None:
         return built_in
-    known = quantities()
+    known = known_conditions()
     if name not in known:
         raise UnknownNameError(
             f"unknown quantity {name!r}{hint(name, known)} Known: {', '.join(known)}"

@@ -34,7 +34,7 @@ from frenetic._support.arrays import FloatArray
 from frenetic._support.bounds import Finite, Positive, Share, check
 from frenetic._support.files import read_bounded
 from frenetic._support.outside_text import read_toml
-from frenetic.conditions.condition import SEED, quantities, quantity
+from frenetic.conditions.condition import SEED, condition_named, known_conditions
 from frenetic.errors import FreneticError
 from frenetic.road.classes import RoadClass, class_of
 
@@ -126,7 +126,7 @@ class Domain:
 
     def __post_init__(self) -> None:
         for name, amounts in self.conditions.items():
-            row = quantity(name)
+            row = condition_named(name)
             if row.place_of:
                 raise ValueError(f"{name} follows from {row.place_of}, and is anywhere on the road")
             if not row.low <= amounts.low <= amounts.high <= row.high:
@@ -169,7 +169,7 @@ class Domain:
             raise ValueError("conditions are names with distributions")
         distributions = {}
         for key, entry in conditions.items():
-            quantity(key)
+            condition_named(key)
             fields = entry if isinstance(entry, Mapping) else {"low": entry, "high": entry}
             try:
                 distributions[key] = convert(fields, Distribution)
@@ -196,9 +196,11 @@ class Domain:
     @cached_property
     def axes(self) -> tuple[str, ...]:
         """Names of a point's shares: the quantities, then their places, then the seed of noise."""
-        names = [name for name in quantities() if name in self.conditions]
-        places = [row.name for row in quantities().values() if row.place_of in self.conditions]
-        is_seeded = any(quantity(name).is_seeded for name in names)
+        names = [name for name in known_conditions() if name in self.conditions]
+        places = [
+            row.name for row in known_conditions().values() if row.place_of in self.conditions
+        ]
+        is_seeded = any(condition_named(name).is_seeded for name in names)
         return (*names, *places, *([SEED] if is_seeded else []))
 
     @property
@@ -211,15 +213,15 @@ class Domain:
         conditions: dict[str, float] = {}
         for axis, share in zip(self.axes, shares.tolist(), strict=True):
             if axis == SEED:
-                if any(quantity(name).is_seeded for name in conditions):
+                if any(condition_named(name).is_seeded for name in conditions):
                     conditions[SEED] = min(int(share * _SEEDS), _SEEDS - 1)
-            elif (place_of := quantity(axis).place_of) != "":
+            elif (place_of := condition_named(axis).place_of) != "":
                 if place_of in conditions:
                     conditions[axis] = round(share * length, 1)
             elif (amount := self.conditions[axis].amount(share)) is not None:
                 amounts = self.conditions[axis]
                 amount = min(max(float(f"{amount:.{_DIGITS}g}"), amounts.low), amounts.high)
-                if amount != quantity(axis).nothing:
+                if amount != condition_named(axis).nothing:
                     conditions[axis] = amount
         return conditions
 
@@ -228,13 +230,13 @@ class Domain:
         shares = np.full(self.dimension, 0.5)
         for i, axis in enumerate(self.axes):
             amount = conditions.get(axis)
-            if axis == SEED or quantity(axis).place_of:
+            if axis == SEED or condition_named(axis).place_of:
                 if amount is not None:
                     shares[i] = amount / (_SEEDS if axis == SEED else max(length, 1.0))
                 continue
             amounts = self.conditions[axis]
             if amount is None and amounts.chance == 1.0:
-                amount = quantity(axis).nothing
+                amount = condition_named(axis).nothing
                 amount = None if amount is None or math.isinf(amount) else amount
             shares[i] = amounts.share(amount)
         clipped: FloatArray = np.clip(shares, 0.0, 1.0)
@@ -245,11 +247,11 @@ class Domain:
         places = {axis: 0.0 for axis in self.axes if axis != SEED}
         return places | {name: amounts.low for name, amounts in self.conditions.items()}
 
-    def in_words(self) -> str:
+    def as_text(self) -> str:
         """Return the name and the conditions in words."""
         texts = []
         for name, amounts in self.conditions.items():
-            row = quantity(name)
+            row = condition_named(name)
             unit = f" {row.unit}" if row.unit else ""
             text = f"{name} {amounts.low:g} to {amounts.high:g}{unit}"
             if amounts.low == amounts.high:

@@ -7,7 +7,7 @@ from a user's TOML file::
     lateral_acceleration = 2.5
     lateral_jerk = {limit = 4.0, window = 0.5, clause = "our handbook, 7.2"}
 
-Each limit has the name of a quantity: one of `QUANTITIES`, or a `Quantity` that is the entry point
+Each limit has the name of a quantity: one of `SIGNALS`, or a `Signal` that is the entry point
 of an installed package.
 """
 
@@ -46,7 +46,7 @@ _TEXTS: Final = ("about", "left_out")
 
 
 @dataclass(frozen=True)
-class Quantity:
+class Signal:
     """A measured value of a drive that a criterion can limit."""
 
     name: str
@@ -55,7 +55,7 @@ class Quantity:
     scale: float
     """Amount, in the unit, by which margins are divided to compare them between quantities."""
     window: float = 0.0
-    """Usual window in s, see `Criterion.window`."""
+    """SimulatorDefaults window in s, see `Criterion.window`."""
     is_least: bool = False
     """Whether values below the limit breach it, rather than those above."""
     has_sides: bool = False
@@ -74,25 +74,25 @@ class Quantity:
         return f"{value:.2f} {self.unit}"
 
 
-QUANTITIES: Final[Mapping[str, Quantity]] = MappingProxyType(
+SIGNALS: Final[Mapping[str, Signal]] = MappingProxyType(
     {
         limited.name: limited
         for limited in (
-            Quantity(
+            Signal(
                 EDGE_DISTANCE,
                 "m",
                 "least distance of the car's outline from an edge of its lane, negative outside",
                 1.0,
                 is_least=True,
             ),
-            Quantity(
+            Signal(
                 "lateral_acceleration",
                 "m/s²",
                 "of the centre of mass across the car, to either side",
                 3.0,
                 has_sides=True,
             ),
-            Quantity(
+            Signal(
                 "lateral_jerk",
                 "m/s³",
                 "change of the lateral acceleration, to either side",
@@ -100,39 +100,39 @@ QUANTITIES: Final[Mapping[str, Quantity]] = MappingProxyType(
                 0.5,
                 has_sides=True,
             ),
-            Quantity("yaw_rate", "°/s", "to either side", 20.0, has_sides=True),
-            Quantity(
+            Signal("yaw_rate", "°/s", "to either side", 20.0, has_sides=True),
+            Signal(
                 "steering_rate",
                 "°/s",
                 "change of the front wheels' angle, to either side",
                 20.0,
                 has_sides=True,
             ),
-            Quantity("sway", "m", "way across the lane within the window", 1.0, 10.0),
-            Quantity("acceleration", "m/s²", "along the car, when it speeds up", 2.0),
-            Quantity("deceleration", "m/s²", "along the car, when it slows down", 3.0),
-            Quantity("longitudinal_jerk", "m/s³", "change of the acceleration", 5.0, 0.5),
-            Quantity("speed_excess", "km/h", "speed above the speed limit", 10.0),
-            Quantity("stop", "s", "time for which the car stands still once it has moved", 5.0),
-            Quantity("duration", "s", "simulated time of the drive", 60.0),
+            Signal("sway", "m", "way across the lane within the window", 1.0, 10.0),
+            Signal("acceleration", "m/s²", "along the car, when it speeds up", 2.0),
+            Signal("deceleration", "m/s²", "along the car, when it slows down", 3.0),
+            Signal("longitudinal_jerk", "m/s³", "change of the acceleration", 5.0, 0.5),
+            Signal("speed_excess", "km/h", "speed above the speed limit", 10.0),
+            Signal("stop", "s", "time for which the car stands still once it has moved", 5.0),
+            Signal("duration", "s", "simulated time of the drive", 60.0),
         )
     }
 )
 """Built-in quantities: name -> quantity."""
 
 
-def quantity(name: str) -> Quantity:
+def signal_named(name: str) -> Signal:
     """Return the quantity with this name, built in or installed.
 
     Raises:
         ValueError: no quantity has this name.
     """
-    if name in QUANTITIES:
-        return QUANTITIES[name]
+    if name in SIGNALS:
+        return SIGNALS[name]
     for entry in installed(GROUP):
-        if entry.name == name and isinstance(target := imported(entry.target), Quantity):
+        if entry.name == name and isinstance(target := imported(entry.target), Signal):
             return target
-    raise ValueError(f"there is no quantity {name}: choose from {', '.join(QUANTITIES)}")
+    raise ValueError(f"there is no quantity {name}: choose from {', '.join(SIGNALS)}")
 
 
 @dataclass(frozen=True)
@@ -155,16 +155,16 @@ class Criterion:
 
     def __post_init__(self) -> None:
         check(vars(self), Criterion)
-        if quantity(self.quantity).has_sides and self.limit < 0.0:
+        if signal_named(self.quantity).has_sides and self.limit < 0.0:
             raise ValueError(f"limit is {self.limit:g}: at least 0 is needed, as sides count alike")
 
     def margin(self, value: float) -> float:
         """Return the distance of a value from the limit, in its unit; negative beyond it."""
-        return value - self.limit if quantity(self.quantity).is_least else self.limit - value
+        return value - self.limit if signal_named(self.quantity).is_least else self.limit - value
 
     def text(self) -> str:
         """Return the limit in words, such as ``at most 3 m/s²``."""
-        limited = quantity(self.quantity)
+        limited = signal_named(self.quantity)
         text = f"{'at least' if limited.is_least else 'at most'} {self.limit:g} {limited.unit}"
         if self.window:
             preposition = "within" if self.quantity == "sway" else "in the mean of"
@@ -173,7 +173,7 @@ class Criterion:
 
 
 @dataclass(frozen=True)
-class Profile:
+class CriteriaSet:
     """Criteria that drives have to meet, beside staying in the lane.
 
     Raises:
@@ -190,7 +190,7 @@ class Profile:
     """Simulated time, in s, that the drives of a campaign need together."""
 
     def __post_init__(self) -> None:
-        check(vars(self), Profile)
+        check(vars(self), CriteriaSet)
         names = [criterion.quantity for criterion in self.criteria]
         if twice := {name for name in names if names.count(name) > 1}:
             raise ValueError(f"{min(twice)} has two limits: one is needed")
@@ -200,11 +200,11 @@ class Profile:
         return bool(self.criteria)
 
     @classmethod
-    def of(cls, name: str, options: Mapping[str, Any] = MappingProxyType({})) -> Profile:
+    def of(cls, name: str, options: Mapping[str, Any] = MappingProxyType({})) -> CriteriaSet:
         """Return the profile with this name, or the profile of a TOML file.
 
         Args:
-            name: one of `profiles`, or the path of a file that ends in .toml.
+            name: one of `criteria_sets`, or the path of a file that ends in .toml.
             options: limits that replace the profile's, or join them.
 
         Raises:
@@ -218,7 +218,7 @@ class Profile:
                 profile = cls.from_entries(path.stem, entries)
             except (ValueError, TypeError) as error:
                 raise FreneticError(f"{name} says no criteria: {error}") from None
-        elif name in (known := profiles()):
+        elif name in (known := criteria_sets()):
             profile = known[name]
         else:
             raise FreneticError(
@@ -240,7 +240,7 @@ class Profile:
         criteria = [_criterion(key, value) for key, value in entries.items() if key not in texts]
         return cls(name, tuple(criteria), **texts)
 
-    def with_limits(self, limits: Mapping[str, Any]) -> Profile:
+    def with_limits(self, limits: Mapping[str, Any]) -> CriteriaSet:
         """Return the profile with these limits, which replace its own or join them.
 
         Raises:
@@ -255,10 +255,10 @@ class Profile:
             criteria[key] = _criterion(key, entry)
         return replace(self, criteria=tuple(criteria.values()))
 
-    def in_words(self) -> str:
+    def as_text(self) -> str:
         """Return the name and the limits in words."""
         limits = [
-            f"{quantity(criterion.quantity).words} {criterion.text()}"
+            f"{signal_named(criterion.quantity).words} {criterion.text()}"
             for criterion in self.criteria
         ]
         return f"{self.name}: {', '.join(limits)}" if limits else self.name
@@ -282,7 +282,7 @@ class Profile:
 
         Example: ``after-un-r79,lateral_jerk=4``.
         """
-        known = profiles().get(self.name)
+        known = criteria_sets().get(self.name)
         if known is None:
             return self.whole_entry()
         before = {criterion.quantity: criterion for criterion in known.criteria}
@@ -301,7 +301,9 @@ class Profile:
         return {"name": self.name, **self.entries()}
 
 
-JUDGED_BY_LANE: Final = Profile(COMPETITION, about="leaving the lane, as the competition judges")
+JUDGED_BY_LANE: Final = CriteriaSet(
+    COMPETITION, about="leaving the lane, as the competition judges"
+)
 """Default profile: it judges drives by leaving the lane alone."""
 
 
@@ -321,7 +323,7 @@ def _criterion(name: str, value: Any) -> Criterion:
     """
     try:
         entry = convert(value if isinstance(value, Mapping) else {"limit": value}, _CriterionEntry)
-        window = quantity(name).window if entry.window is None else entry.window
+        window = signal_named(name).window if entry.window is None else entry.window
         return Criterion(name, entry.limit, window, entry.clause)
     except ValidationError as error:
         raise ValueError(f"{name}: {error}") from None
@@ -330,18 +332,20 @@ def _criterion(name: str, value: Any) -> Criterion:
 
 
 @cache
-def _built_in_profiles() -> Mapping[str, Profile]:
+def _built_in_profiles() -> Mapping[str, CriteriaSet]:
     """Return the profiles of `criteria.toml` by name, and the default profile."""
     text = files("frenetic.criteria").joinpath("criteria.toml").read_text(encoding="utf-8")
     tables = tomllib.loads(text)
-    profiles = {name: Profile.from_entries(name, entries) for name, entries in tables.items()}
-    return {COMPETITION: JUDGED_BY_LANE} | profiles
+    criteria_sets = {
+        name: CriteriaSet.from_entries(name, entries) for name, entries in tables.items()
+    }
+    return {COMPETITION: JUDGED_BY_LANE} | criteria_sets
 
 
-def profiles() -> Mapping[str, Profile]:
+def criteria_sets() -> Mapping[str, CriteriaSet]:
     """Return name -> profile: the profiles of installed packages, then the built-in ones."""
     installed_profiles = {}
     for entry in installed(GROUP):
-        if isinstance(target := imported(entry.target), Profile):
+        if isinstance(target := imported(entry.target), CriteriaSet):
             installed_profiles[entry.name] = replace(target, name=entry.name)
     return installed_profiles | dict(_built_in_profiles())

@@ -244,7 +244,7 @@ class CameraDriver(Driver, Protocol):
     """The driver's camera, the same in every drive."""
 
 
-class OwnLayer:
+class OwnWrapper:
     """Base of our own layers: a drive begins for the driver underneath, too.
 
     Args:
@@ -279,7 +279,7 @@ class OwnLayer:
 
 def under_layers(driver: Driver) -> Driver:
     """Return the driver itself, without layers of ours over it."""
-    while isinstance(driver, OwnLayer):
+    while isinstance(driver, OwnWrapper):
         driver = driver.driver
     return driver
 
@@ -350,7 +350,7 @@ def scene_of(driver: Driver) -> Scene:
     """Return the scene that a driver's layers ask for."""
     scene = Scene()
     for layer in stack_of(driver):
-        if isinstance(layer, OwnLayer):
+        if isinstance(layer, OwnWrapper):
             scene = layer.in_scene(scene)
     return scene
 

@@ -7,8 +7,8 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
-from frenetic.conditions.condition import SEED, quantity
-from frenetic.drivers.driver import Driver, OwnLayer
+from frenetic.conditions.condition import SEED, condition_named
+from frenetic.drivers.driver import Driver, OwnWrapper
 from frenetic.errors import FreneticError
 from frenetic.parts.registry import DRIVERS
 
@@ -44,7 +44,7 @@ def under(amounts: Mapping[str, float], driver: Driver) -> Driver:
         FreneticError: There is no such quantity, or an amount is out of range.
     """
     seed = {"seed": int(amounts[SEED])} if SEED in amounts else {}
-    for row in [quantity(name) for name in amounts if name != SEED]:
+    for row in [condition_named(name) for name in amounts if name != SEED]:
         if row.layer:
             kind = row.layer_class()
             try:
@@ -60,18 +60,20 @@ def _without(kind: type[Any], driver: Driver) -> Driver:
     """Return the driver without its layers of a kind."""
     if isinstance(driver, kind):
         return _without(kind, driver.driver)
-    return _over(driver, _without(kind, driver.driver)) if isinstance(driver, OwnLayer) else driver
+    return (
+        _over(driver, _without(kind, driver.driver)) if isinstance(driver, OwnWrapper) else driver
+    )
 
 
 def _laid(kind: type[Any], driver: Driver, amount: float, seed: Mapping[str, int]) -> Driver:
     """Return the driver under a layer in its place among others; a foreign layer is innermost."""
-    if isinstance(driver, OwnLayer) and driver.place < getattr(kind, "place", math.inf):
+    if isinstance(driver, OwnWrapper) and driver.place < getattr(kind, "place", math.inf):
         return _over(driver, _laid(kind, driver.driver, amount, seed))
     layered: Driver = kind.over(driver, amount, **seed)
     return layered
 
 
-def _over(layer: OwnLayer, driver: Driver) -> OwnLayer:
+def _over(layer: OwnWrapper, driver: Driver) -> OwnWrapper:
     """Return a copy of a layer over another driver."""
     layer = copy.copy(layer)
     layer.driver = driver

@@ -26,7 +26,7 @@ from frenetic.drivers.driver import (
     Driver,
     DriveSetup,
     Observation,
-    OwnLayer,
+    OwnWrapper,
 )
 
 HEADING_PER_OFFSET: Final = 0.1
@@ -53,7 +53,7 @@ _Error: TypeAlias = Annotated[float, Meta(ge=0.0, le=100.0)]
 """Standard deviation of an error about the place, in m or in rad."""
 
 
-class Noisy(OwnLayer):
+class Noisy(OwnWrapper):
     """A driver that errs about its place: Gaussian errors that change slowly.
 
     Both errors are first-order autoregressive with the given standard deviations and correlation
@@ -156,7 +156,7 @@ def _autoregress(fresh: FloatArray, last: FloatArray, keep: float) -> FloatArray
     return out
 
 
-class Delayed(OwnLayer):
+class Delayed(OwnWrapper):
     """A driver whose controls arrive late.
 
     Until the first ones arrive, the car rolls with straight wheels and no pedal.
@@ -195,7 +195,7 @@ class Delayed(OwnLayer):
         return self._waiting.popleft()
 
 
-class LimitedView(OwnLayer):
+class LimitedView(OwnWrapper):
     """A driver that sees only the next metres of road.
 
     Args:
@@ -234,7 +234,7 @@ class LimitedView(OwnLayer):
         )
 
 
-class Hasty(OwnLayer):
+class Hasty(OwnWrapper):
     """A driver that takes each speed limit for a higher one.
 
     Args:
@@ -293,7 +293,7 @@ def compiled_form(driver: Driver, period: float) -> Compiled | None:
     """
     rows, delay, errors, excess = AHEAD_POINTS, 0, None, 0.0
     kinds = set()
-    while isinstance(driver, OwnLayer) and type(driver) in (Noisy, Delayed, LimitedView, Hasty):
+    while isinstance(driver, OwnWrapper) and type(driver) in (Noisy, Delayed, LimitedView, Hasty):
         if type(driver) in kinds:
             return None
         kinds.add(type(driver))

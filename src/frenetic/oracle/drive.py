@@ -11,7 +11,7 @@ import numpy as np
 from frenetic._support.arrays import FloatArray
 from frenetic._support.bounds import check
 from frenetic._support.scalars import take_numpy_scalars
-from frenetic.criteria.criterion import JUDGED_BY_LANE, Profile
+from frenetic.criteria.criterion import JUDGED_BY_LANE, CriteriaSet
 from frenetic.errors import Trouble
 
 if TYPE_CHECKING:
@@ -70,7 +70,7 @@ class Rules:
     """Time granted to every drive, in s, whatever its length."""
     timeout_speed: float = 2.5
     """Mean speed below which a drive takes too long, in m/s: timeout = base + length / speed."""
-    criteria: Profile = JUDGED_BY_LANE
+    criteria: CriteriaSet = JUDGED_BY_LANE
     """Criteria beside staying in the lane; a breach is a FAIL and does not end the drive."""
     road_limits: Literal["kept", "scaled", "ignored"] = "kept"
     """Use of a road's own speed limits: kept, scaled until the highest is `speed_limit`, or
@@ -125,7 +125,7 @@ class Rules:
         base = self.scaled_from or self.speed_limit
         return replace(self, speed_limit=amount, road_limits="scaled", scaled_from=base)
 
-    def limit_in_words(self, road: Road | None = None, class_name: str = "") -> str:
+    def limit_text(self, road: Road | None = None, class_name: str = "") -> str:
         """Return the speed limit of a road and its source in words.
 
         Args:

@@ -6,7 +6,7 @@ from collections.abc import Iterable
 from typing import TYPE_CHECKING, Any
 
 from frenetic._support.words import simulated_time
-from frenetic.criteria.criterion import QUANTITIES, Criterion, quantity
+from frenetic.criteria.criterion import SIGNALS, Criterion, signal_named
 from frenetic.oracle.signals import Measurement, measure, worst
 from frenetic.oracle.verdict import locate_drive
 
@@ -35,14 +35,14 @@ def measures_json(road: Road, drive: Drive) -> list[dict[str, Any]]:
     located = locate_drive(road, drive)
     limits = {criterion.quantity: criterion for criterion in drive.rules.criteria.criteria}
     rows = []
-    for name in {**QUANTITIES, **limits}:
+    for name in {**SIGNALS, **limits}:
         measurement, limit = worst(name, located), limits.get(name)
         if measurement is None:
             continue
         rows.append(
             {
                 "quantity": name,
-                "unit": quantity(name).unit,
+                "unit": signal_named(name).unit,
                 "value": measurement.value,
                 "side": measurement.side,
                 "time": simulated_time(float(located.path.time[measurement.record])),

@@ -18,7 +18,7 @@ import numpy.typing as npt
 
 from frenetic._support.arrays import FloatArray
 from frenetic._support.compiled import njit
-from frenetic.criteria.criterion import EDGE_DISTANCE, Criterion, quantity
+from frenetic.criteria.criterion import EDGE_DISTANCE, Criterion, signal_named
 from frenetic.errors import FreneticError
 from frenetic.oracle.drive import CarBody, Drive, Rules, Trajectory
 from frenetic.road import Road
@@ -221,11 +221,11 @@ class Measurement:
     @property
     def share(self) -> float:
         """Margin divided by the quantity's scale, comparable between quantities."""
-        return self.margin / quantity(self.criterion.quantity).scale
+        return self.margin / signal_named(self.criterion.quantity).scale
 
     def text(self) -> str:
         """Return value and limit in words."""
-        limited, criterion = quantity(self.criterion.quantity), self.criterion
+        limited, criterion = signal_named(self.criterion.quantity), self.criterion
         return f"{limited.words} {limited.text(self.value)} ({criterion.text()})"
 
 
@@ -236,7 +236,7 @@ def series(name: str, located: LocatedDrive, window: float) -> FloatArray:
         FreneticError: the function of another package's quantity raised an error, or did not
             return one number for each record.
     """
-    if (installed_series := quantity(name).series) is None:
+    if (installed_series := signal_named(name).series) is None:
         if (name, window) not in located.cached_series:
             located.cached_series[name, window] = _SERIES[name](located, window)
         return located.cached_series[name, window]
@@ -259,7 +259,7 @@ def measure(criterion: Criterion, located: LocatedDrive) -> Measurement | None:
     Raises:
         FreneticError: `series` cannot compute the values.
     """
-    limited = quantity(criterion.quantity)
+    limited = signal_named(criterion.quantity)
     values = series(limited.name, located, criterion.window)
     if not np.isfinite(values).any():
         return None
@@ -284,4 +284,4 @@ def worst(name: str, located: LocatedDrive) -> Measurement | None:
         FreneticError: `series` cannot compute the values.
     """
     criteria = {criterion.quantity: criterion for criterion in located.rules.criteria.criteria}
-    return measure(criteria.get(name) or Criterion(name, 0.0, quantity(name).window), located)
+    return measure(criteria.get(name) or Criterion(name, 0.0, signal_named(name).window), located)

@@ -18,7 +18,7 @@ from frenetic._support.arrays import FloatArray
 from frenetic._support.bounds import Finite, NotNegative, Share
 from frenetic._support.compiled import njit
 from frenetic._support.words import simulated_time
-from frenetic.criteria.criterion import DRIVER, LANE, Profile, quantity
+from frenetic.criteria.criterion import DRIVER, LANE, CriteriaSet, signal_named
 from frenetic.errors import Fault, FreneticError, Trouble
 from frenetic.oracle.lane_share import share_outside
 from frenetic.oracle.outcome import Outcome
@@ -344,7 +344,7 @@ def judge(road: Road, drive: Drive) -> Result:
             return unusable_result(Trouble(str(error)), duration)
         findings = tuple(sorted((*breaches, *findings), key=lambda finding: finding.time))
         if breaches and outcome is Outcome.PASS:
-            outcome, reason = Outcome.FAIL, breach_in_words(breaches, drive.rules.criteria)
+            outcome, reason = Outcome.FAIL, breach_text(breaches, drive.rules.criteria)
     least = int(np.argmin(assessment.oob_distance))
     return Result(
         outcome,
@@ -442,13 +442,13 @@ def _breaches(road: Road, drive: Drive, assessment: Assessment) -> list[Finding]
     return findings
 
 
-def breach_in_words(findings: Sequence[Finding], criteria: Profile) -> str:
+def breach_text(findings: Sequence[Finding], criteria: CriteriaSet) -> str:
     """Return the breaches of criteria beside the lane, in a sentence; empty without breaches."""
     limits = {criterion.quantity: criterion for criterion in criteria.criteria}
     texts = []
     for finding in findings:
         if finding.criterion in limits:
-            limited = quantity(finding.criterion)
+            limited = signal_named(finding.criterion)
             side = ""
             if finding.side:
                 side = f" {'to' if limited.has_sides else 'on'} the {finding.side}"

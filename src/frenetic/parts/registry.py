@@ -21,7 +21,7 @@ from types import ModuleType
 from typing import Any, Final
 
 from frenetic._support.entry_points import RegisteredPart, installed
-from frenetic.criteria.criterion import QUANTITIES
+from frenetic.criteria.criterion import SIGNALS
 from frenetic.errors import FreneticError, UnknownNameError, describe_raised, place_of
 from frenetic.parts.user_modules import load_own_module, load_user_file
 
@@ -451,7 +451,7 @@ OBJECTIVES: Final = Registry(
                 f"{signal.about}, in {signal.unit},"
                 f" {'lower' if signal.is_least else 'higher'} is worse",
             )
-            for signal in QUANTITIES.values()
+            for signal in SIGNALS.values()
         },
     },
     (),

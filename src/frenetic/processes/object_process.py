@@ -79,7 +79,7 @@ class Loss(Enum):
     BROKE_PROTOCOL = "it sent something else than an answer, or closed its connection"
 
 
-class LostWorkerError(Exception):
+class LostProcessError(Exception):
     """A process died, hangs or breaks the protocol, or its object raised."""
 
     def __init__(self, trouble: Trouble, loss: Loss, *, is_drivers_turn: bool = False) -> None:
@@ -90,7 +90,7 @@ class LostWorkerError(Exception):
         """Whether a driver was being asked, see `turn`."""
 
 
-class RaisedError(LostWorkerError):
+class RaisedError(LostProcessError):
     """The object in a process raised."""
 
     def __init__(self, trouble: Trouble) -> None:
@@ -140,7 +140,7 @@ class ObjectProcess:
         self._frames: FrameReader
         self._turn: SharedFlag
         self._logged = 0  # log records of the present call
-        self._loss: LostWorkerError | None = None  # to be raised after the answers before it
+        self._loss: LostProcessError | None = None  # to be raised after the answers before it
 
     def __len__(self) -> int:
         """Return the number of calls without an answer."""
@@ -213,7 +213,7 @@ class ObjectProcess:
         """Return the answers and reports that have come, in the order of the calls; do not wait.
 
         Raises:
-            LostWorkerError: the process has died, the call raised or took too long, or the answer
+            LostProcessError: the process has died, the call raised or took too long, or the answer
                 has another type.
         """
         self._raise_loss()
@@ -250,7 +250,7 @@ class ObjectProcess:
         finally:
             del loss
 
-    def _ended(self) -> LostWorkerError:
+    def _ended(self) -> LostProcessError:
         """Return the error for a process that has ended, or is no longer connected."""
         assert self._process is not None
         self._process.join(END_LIMIT + _LEAVING_LIMIT)
@@ -261,8 +261,8 @@ class ObjectProcess:
         hint = f", {_HINT}" if exit_code == 1 else ""
         return self._lost(f"it {ending_of(exit_code)}{hint}", loss)
 
-    def _lost(self, reason: str, loss: Loss) -> LostWorkerError:
-        return LostWorkerError(Trouble(reason), loss, is_drivers_turn=self._turn.is_set)
+    def _lost(self, reason: str, loss: Loss) -> LostProcessError:
+        return LostProcessError(Trouble(reason), loss, is_drivers_turn=self._turn.is_set)
 
     def _hear(self, frame: Frame, answers: list[Any]) -> None:
         """Take one message.
@@ -305,7 +305,7 @@ class ObjectProcess:
         """Call a method of the object and wait for the answer, a value of type `answer`.
 
         Raises:
-            LostWorkerError: as for `receive`.
+            LostProcessError: as for `receive`.
         """
         self.send(method, *args, limit=limit, answer=answer)
         return self.answer()
@@ -314,7 +314,7 @@ class ObjectProcess:
         """Wait for the answer to the last call.
 
         Raises:
-            LostWorkerError: as for `receive`.
+            LostProcessError: as for `receive`.
         """
         answers: list[Any] = []
         while self._calls:
@@ -326,7 +326,7 @@ class ObjectProcess:
         """Close the object unless it is in a call, then end the process.
 
         Raises:
-            LostWorkerError: the object's ``close`` raised.
+            LostProcessError: the object's ``close`` raised.
         """
         if self._process is None:
             return
@@ -334,7 +334,7 @@ class ObjectProcess:
             if not self._calls and self._process.is_alive():
                 try:
                     self.call("close", limit=CLOSING_LIMIT)
-                except LostWorkerError as error:
+                except LostProcessError as error:
                     if error.trouble.traceback:
                         raise
                 # Not for a driver's threads and processes, which may never end.

@@ -25,7 +25,7 @@ from matplotlib.ticker import MaxNLocator
 
 from frenetic._support.words import capitalised, oob_words, signed
 from frenetic.campaign.record import Test
-from frenetic.criteria.criterion import DRIVER, LANE, quantity
+from frenetic.criteria.criterion import DRIVER, LANE, signal_named
 from frenetic.errors import FreneticError
 from frenetic.oracle.drive import Drive
 from frenetic.oracle.outcome import Outcome
@@ -188,7 +188,7 @@ def facts_of_drive(road: Road, judged: JudgedDrive) -> list[Fact]:
         "" if way_out is None else f"at {way_out.distance:.0f} m",
     )
     if gravest is not None and gravest.criterion not in (LANE, DRIVER):
-        measure = quantity(gravest.criterion)
+        measure = signal_named(gravest.criterion)
         place = f"at {gravest.distance:.0f} m"
         departure = capitalised(measure.words), measure.text(gravest.value), place
     return [

@@ -17,7 +17,7 @@ from matplotlib.patches import Polygon, Rectangle
 from frenetic._support.arrays import FloatArray
 from frenetic._support.words import capitalised
 from frenetic.campaign.record import Test
-from frenetic.criteria.criterion import DRIVER, quantity
+from frenetic.criteria.criterion import DRIVER, signal_named
 from frenetic.oracle.drive import Drive, Trajectory
 from frenetic.oracle.outcome import Outcome
 from frenetic.oracle.verdict import Assessment, Result, assess, judge
@@ -138,7 +138,7 @@ def focus_of(judged: JudgedDrive) -> Focus | None:
     if result.finding is not None and result.finding.criterion != DRIVER:
         times = judged.drive.trajectory.time[: len(judged)]
         record = int(np.argmin(np.abs(times - result.finding.time)))
-        words = quantity(result.finding.criterion).words
+        words = signal_named(result.finding.criterion).words
         return Focus(record, capitalised(words), words, colour)
     if result.outcome is Outcome.PASS:
         worst = int(np.argmin(judged.oob_distance))

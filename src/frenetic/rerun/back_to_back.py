@@ -18,7 +18,7 @@ from typing import Final, NamedTuple, Unpack
 
 from frenetic._support.json_value import JSONValue
 from frenetic._support.words import counted
-from frenetic.analysis.causes import in_words
+from frenetic.analysis.causes import as_text
 from frenetic.analysis.failures import Failure
 from frenetic.analysis.statistics import ValueWithInterval, median_estimate, paired_share_difference
 from frenetic.campaign.record import Test
@@ -175,7 +175,7 @@ class BackToBack:
             for causes, test in zip(counts, pair, strict=True):
                 if (failure := Failure.of_test(test)) is not None:
                     cause = failure.cause
-                    words = "" if cause is None else in_words(cause.kind, None, cause.criterion)
+                    words = "" if cause is None else as_text(cause.kind, None, cause.criterion)
                     causes[words or str(failure.fault)] += 1
         old, new = counts
         names = sorted({*old, *new}, key=lambda name: (-max(old[name], new[name]), name))

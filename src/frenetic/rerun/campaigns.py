@@ -68,7 +68,7 @@ class RerunPlan:
     """Objective whose values the strategy gets beside the result of each drive."""
     strategy_name: str | None = None
     """Name of the strategy on a command line; None if it has no name."""
-    lookahead: int | None = None
+    max_in_flight: int | None = None
     """Candidates in flight at once, as for `Campaign`."""
 
 
@@ -115,7 +115,7 @@ def rerun_campaign(
             folder=place,
             workers=min(workers, budget.simulations or workers),
             isolate=options.get("isolate", False),
-            lookahead=plan.lookahead,
+            max_in_flight=plan.max_in_flight,
             objective=plan.objective,
             spec=spec,
             description={PURPOSE: {**plan.purpose, "digest": digest}, **_OWNER.entry()},

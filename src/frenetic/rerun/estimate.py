@@ -11,7 +11,7 @@ The drives are a campaign, whose strategy `Draws` proposes them stage by stage::
     domain = Domain.of("town.toml")
     terms = Terms.of_class(domain.road_class, domain=domain)
     tester = RoadTester(EmbeddedSimulator(), MyDriver(), terms)
-    print(estimate(tester, drives=1000, workers=4, out="town-estimate").in_words())
+    print(estimate(tester, drives=1000, workers=4, out="town-estimate").as_text())
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ from frenetic._support.bounds import require_count
 from frenetic._support.files import check_writable, read_bounded, write_file
 from frenetic._support.outside_text import read_json
 from frenetic._support.words import counted
-from frenetic.campaign import LOOKAHEAD, Campaign, CampaignStore, Event, new_folder
+from frenetic.campaign import MAX_IN_FLIGHT, Campaign, CampaignStore, Event, new_folder
 from frenetic.campaign.database import DATABASE
 from frenetic.campaign.guarded_strategy import replay
 from frenetic.campaign.record import Test
@@ -114,7 +114,7 @@ class FailureRate:
                 f"{path} is damaged: {error}; remove it, or run frenetic estimate again"
             ) from None
 
-    def in_words(self) -> str:
+    def as_text(self) -> str:
         """Return the estimate in words."""
         if self.rate is None:
             text = f"fewer than {_two_digits(self.high)} failures per 1,000 km"
@@ -357,7 +357,7 @@ def estimate(
         Budget(simulations=drives),
         identity=[describe(draws), tester.terms],
         purpose={"estimate": True},
-        lookahead=LOOKAHEAD,  # a constant: the draws must not depend on the number of workers
+        max_in_flight=MAX_IN_FLIGHT,  # a constant: draws must not depend on the workers
     )
     driving = rerun_campaign(campaign, plan, tester, options)
     errors = _error_count(driving.folder)

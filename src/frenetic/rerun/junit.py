@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Final
 
 from frenetic._support.files import write_file
-from frenetic.conditions.condition import in_words
+from frenetic.conditions.condition import as_text
 from frenetic.errors import CampaignError
 from frenetic.rerun.rerun import Rerun
 from frenetic.rerun.stability import Change, Repeats, matches_text
@@ -62,7 +62,7 @@ def _add_outcome(case: ET.Element, test: Repeats) -> None:
     judged = [drive for drive in test.drives if drive.outcome.is_driven]
     worst = min(judged or test.drives, key=lambda drive: drive.margin)
     candidate = test.recorded.candidate
-    conditions = in_words(worst.conditions)
+    conditions = as_text(worst.conditions)
     properties = {
         "change": str(test.change),
         **({"conditions": conditions} if conditions else {}),

@@ -28,7 +28,7 @@ from frenetic.campaign.record import Test
 from frenetic.campaign.second_drive import Match
 from frenetic.campaign.store import CampaignStore
 from frenetic.campaign.tester import RoadTester
-from frenetic.conditions.condition import in_words, quantity
+from frenetic.conditions.condition import as_text, condition_named
 from frenetic.errors import (
     BREAKS_PROTOCOL,
     ENDS_ITS_PROCESS,
@@ -112,10 +112,10 @@ class Minimised:
         """Conditions in which the smallest road fails."""
         return self.smallest.candidate.conditions
 
-    def conditions_in_words(self) -> str:
+    def conditions_text(self) -> str:
         """Return the conditions in words, with the amounts that make the smallest road pass."""
-        texts = in_words(self.conditions)
-        bounds = [f"{quantity(name).text(value)}" for name, value in self.passes.items()]
+        texts = as_text(self.conditions)
+        bounds = [f"{condition_named(name).text(value)}" for name, value in self.passes.items()]
         return f"{texts}; not with {' or '.join(bounds)}" if bounds else texts
 
     @property

@@ -37,7 +37,7 @@ from frenetic.parts.user_modules import user_folders
 from frenetic.parts.versions import sources_named
 from frenetic.processes.interrupt import catch_interrupt
 from frenetic.processes.object_host import report
-from frenetic.processes.object_process import LostWorkerError, ObjectProcess, pack, ready
+from frenetic.processes.object_process import LostProcessError, ObjectProcess, pack, ready
 from frenetic.rerun.campaigns import (
     RerunOptions,
     RerunPlan,
@@ -205,7 +205,7 @@ def _drive_in_process(old: OldVersion, fresh: int, options: RerunOptions) -> Fre
                         now = progress.summary()
                         folder = now.folder
                         on_event(Event(kind, now))
-        except LostWorkerError as error:
+        except LostProcessError as error:
             raise CampaignError(f"the old version did not drive: {error}") from None
         finally:
             worker.kill()

@@ -29,7 +29,7 @@ from frenetic.campaign.configuration import SPEC
 from frenetic.campaign.record import Test
 from frenetic.campaign.store import CampaignStore
 from frenetic.campaign.tester import RoadTester
-from frenetic.conditions.condition import SEED, in_words, without
+from frenetic.conditions.condition import SEED, as_text, without
 from frenetic.drivers import Driver
 from frenetic.errors import CampaignError
 from frenetic.oracle.drive import Rules
@@ -405,7 +405,7 @@ def rerun_name(rerun: Rerun, config: Mapping[str, Any]) -> str:
     simulator = part_text(rerun.simulator, config.get("simulator"))
     driver = part_text(rerun.driver, config.get("driver"))
     if dict(rerun.conditions) != (config.get("conditions") or {}):
-        words = in_words(rerun.conditions)
+        words = as_text(rerun.conditions)
         simulator += f" with {words}" if words else " in the usual conditions"
     return simulator if driver == part_text(config.get("driver")) else f"{driver} in {simulator}"
 

@@ -19,7 +19,7 @@ from frenetic._support.words import counted, simulated_time
 from frenetic.analysis.statistics import SIGNIFICANT, holm, proportion_interval, spearman
 from frenetic.campaign.record import Test
 from frenetic.campaign.second_drive import Match
-from frenetic.conditions.condition import quantity, without
+from frenetic.conditions.condition import condition_named, without
 from frenetic.oracle.outcome import Outcome
 from frenetic.rerun.variations import Variation
 from frenetic.simulators.conditions import Conditions
@@ -152,7 +152,7 @@ class Influence:
         return self.p < SIGNIFICANT
 
     def __str__(self) -> str:
-        row = quantity(self.quantity)
+        row = condition_named(self.quantity)
         worse = row.less if self.spearman > 0.0 else row.more
         return f"{worse} is worse (Spearman {self.spearman:.2f})"
 

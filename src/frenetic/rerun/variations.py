@@ -9,7 +9,7 @@ import numpy as np
 
 from frenetic._support.bounds import Index, check, require_count
 from frenetic._support.scalars import take_numpy_scalars
-from frenetic.conditions.condition import SEED, SPEED, quantities, quantity
+from frenetic.conditions.condition import SEED, SPEED, condition_named, known_conditions
 from frenetic.errors import FreneticError
 from frenetic.oracle.drive import Rules
 from frenetic.search.records import Candidate
@@ -36,7 +36,7 @@ class Variation:
 
     def __post_init__(self) -> None:
         take_numpy_scalars(self)
-        row = quantity(self.quantity)
+        row = condition_named(self.quantity)
         if not row.low <= self.low <= self.high <= row.high:
             raise FreneticError(
                 f"cannot vary {self.quantity} from {self.low:g} to {self.high:g}: a range LOW:HIGH"
@@ -55,7 +55,7 @@ class Variation:
         Raises:
             FreneticError: the condition is unknown, or the simulator cannot vary it.
         """
-        row = quantity(name)
+        row = condition_named(name)
         check_can_vary(simulator, [name])
         if row.attribute and amount is None:
             amount = own_amount(simulator, name)
@@ -65,7 +65,7 @@ class Variation:
         """Return the variation for a test with these recorded conditions."""
         if not self.is_usual or self.quantity not in conditions:
             return self
-        low, high = quantity(self.quantity).around(conditions[self.quantity])
+        low, high = condition_named(self.quantity).around(conditions[self.quantity])
         return replace(self, low=low, high=high)
 
     @property
@@ -74,7 +74,7 @@ class Variation:
         return self.low == self.high
 
     def __str__(self) -> str:
-        unit = quantity(self.quantity).unit
+        unit = condition_named(self.quantity).unit
         text = f"{self.low:.3g}" if self.is_fixed else f"{self.low:.3g} to {self.high:.3g}"
         return f"{self.quantity} {text}{' ' if unit else ''}{unit}"
 
@@ -101,7 +101,7 @@ def draw_conditions(
     """
     times = require_count("times", times)
     check({"seed": seed}, draw_conditions)
-    table, names = list(quantities()), [variation.quantity for variation in variations]
+    table, names = list(known_conditions()), [variation.quantity for variation in variations]
     for name in names:
         if names.count(name) > 1:
             raise ValueError(f"{name} is varied twice: give one range for it")
@@ -111,7 +111,7 @@ def draw_conditions(
     for variation in sorted(variations, key=lambda v: table.index(v.quantity)):
         shares = (rng.permutation(times) + rng.random(times)) / times
         values = variation.low + (variation.high - variation.low) * shares
-        is_seeded = quantity(variation.quantity).is_seeded
+        is_seeded = condition_named(variation.quantity).is_seeded
         for conditions, value in zip(drawn, values.tolist(), strict=True):
             conditions[variation.quantity] = value
             if is_seeded:

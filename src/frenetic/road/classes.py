@@ -95,7 +95,7 @@ class RoadClass:
     widening: NotNegative
     """Widening of a lane in a bend, times the bend's radius, in m²."""
     length: Positive
-    """Usual length of a road that a search proposes, in m."""
+    """SimulatorDefaults length of a road that a search proposes, in m."""
     map_size: Positive
     """Side of the map for such roads, in m."""
     step: Positive
@@ -223,7 +223,7 @@ class RoadClass:
         """Return the values, as `from_entries` takes them."""
         return asdict(self)
 
-    def in_words(self) -> str:
+    def as_text(self) -> str:
         """Return name and design speed in words."""
         return f"{self.name}, {self.design_speed:g} km/h"
 

@@ -358,7 +358,7 @@ class Road:
             return _placed_again(*shape, map_size, margin)
         return _placed(self, map_size, margin, road_class)
 
-    def in_words(self) -> str:
+    def as_text(self) -> str:
         """Return length, least radius, and largest grade, superelevation and widening in words."""
         sharpest = float(np.abs(self.curvatures).max())
         radius = "straight" if sharpest < 1e-4 else f"sharpest radius {1.0 / sharpest:.0f} m"

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from frenetic.conditions.condition import SEED, quantity, without
+from frenetic.conditions.condition import SEED, condition_named, without
 
 if TYPE_CHECKING:
     from frenetic._support.arrays import FloatArray
@@ -81,7 +81,7 @@ def changed(
     else:
         _step(rng, domain, shares, int(rng.integers(len(shares))), _LARGE_DEVIATION)
         for i, axis in enumerate(domain.axes):
-            if axis != SEED and quantity(axis).place_of:
+            if axis != SEED and condition_named(axis).place_of:
                 there = place + rng.normal(-_AHEAD, _AHEAD)
                 shares[i] = min(max(there / length, 0.0), 1.0)
     return domain.at(shares, length)
@@ -91,7 +91,7 @@ def moved_along(conditions: Mapping[str, float], way: float) -> dict[str, float]
     """Return conditions on a road that begins ``way`` m earlier, none of them before its start."""
     moved = dict(conditions)
     for name in conditions:
-        if name != SEED and (condition := quantity(name).place_of):
+        if name != SEED and (condition := condition_named(name).place_of):
             moved[name] = conditions[name] + way
             if moved[name] < 0.0:
                 moved = without(moved, condition)

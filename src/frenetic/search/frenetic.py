@@ -34,8 +34,8 @@ from frenetic.search.random_search import (
     MAX_LENGTH,
     MapCheck,
     RandomRoads,
-    Rests,
     RoadCheck,
+    RoadContinuations,
     Size,
     size_and_step,
     usual_length,
@@ -122,7 +122,7 @@ class Frenetic(Strategy):
     *Real roads* (`start_from`, too): stretches of them are driven first, as they are.
 
     *Road classes*: roads are as long as the class says; behind a place where the car left its lane
-    the drive goes on, see `frenetic.search.random_search.Rests`.
+    the drive goes on, see `frenetic.search.random_search.RoadContinuations`.
 
     `Frenetic2021` is the search of the paper.
 
@@ -192,7 +192,7 @@ class Frenetic(Strategy):
         if road_class is not None:
             self._run_up = road_class.design_speed / 3.6 * _RUN_UP_TIME
         self._room = np.empty(self._usual_length + LENGTH_JITTER + _MORE_VALUES)
-        self._ledger, self._rests = Ledger(), Rests(road_class)
+        self._ledger, self._rests = Ledger(), RoadContinuations(road_class)
         self._archive = Archive()
         self._model = SpeedModel(self._rng)
         self._faults: set[Fault] = set()  # of the driver

@@ -31,8 +31,8 @@ from frenetic.search.random_search import (
     MAX_LENGTH,
     Jitter,
     RandomRoads,
-    Rests,
     RoadCheck,
+    RoadContinuations,
     Size,
     size_and_step,
 )
@@ -146,7 +146,7 @@ class Frenetic2021(Strategy):
 
     BEHAVIOUR: ClassVar[int] = 2
     """Raised when its proposals change; campaigns record it."""
-    usual_lookahead: ClassVar[int] = 1
+    default_max_in_flight: ClassVar[int] = 1
     """Candidates outstanding of `frenetic run`: Listing 1 knows a result before it goes on."""
 
     def __init__(
@@ -205,7 +205,7 @@ class Frenetic2021(Strategy):
             max_scale=max_scale,
         )
         self._ledger = Ledger()
-        self._rests = Rests(road_class)
+        self._rests = RoadContinuations(road_class)
         self._budget_spent = 0.0
         self._has_driven = False
         self._tests_since_crossover = 0

@@ -372,7 +372,7 @@ def usual_length(road_class: RoadClass) -> int:
     return max(round(road_class.length / road_class.step) + 1, MIN_VALUES)
 
 
-class Rests:
+class RoadContinuations:
     """Continue roads behind the place where the car left its lane.
 
     In a road class the rest of such a road becomes a test of its own: the car is put back on the
@@ -424,8 +424,8 @@ class RandomSearch(Strategy):
 
     `RandomRoads` draws its roads: 187 m long in the mean on the map of 200 m. With the same seed,
     the random phase of ``Frenetic2021(max_redraws=10)`` has the same roads. The random roads of
-    `Frenetic` are longer, 275 m in the mean. In a road class the search goes on with the `Rests` of
-    failing roads.
+    `Frenetic` are longer, 275 m in the mean. In a road class the search goes on with the
+    `RoadContinuations` of failing roads.
 
     Args:
         seed: A whole number of at least 0.
@@ -470,7 +470,7 @@ class RandomSearch(Strategy):
             road_class=road_class,
         )
         self._ledger = Ledger()
-        self._rests = Rests(road_class)
+        self._rests = RoadContinuations(road_class)
 
     def keep_margin(self, margin: float) -> None:
         """Take only roads for valid that keep so many m from the map's edge.

@@ -48,7 +48,7 @@ class Strategy(ABC):
     decisions remain: what to propose, and what to remember.
     """
 
-    usual_lookahead: ClassVar[int | None] = None
+    default_max_in_flight: ClassVar[int | None] = None
     """Candidates that `frenetic run` keeps outstanding; None for its default."""
     expects_failures: ClassVar[bool] = False
     """Whether the roads are known to fail: no failure is driven a second time, and a driver that

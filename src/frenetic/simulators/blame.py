@@ -15,7 +15,7 @@ from frenetic.errors import (
     Trouble,
     describe_raised,
 )
-from frenetic.processes.object_process import Loss, LostWorkerError
+from frenetic.processes.object_process import Loss, LostProcessError
 from frenetic.simulators.simulator import Simulator
 
 _FAULTS: Final = {
@@ -57,7 +57,7 @@ class Blame:
             return cls(frozenset(_FAULTS))
         return cls(frozenset({Loss.BROKE_PROTOCOL}))
 
-    def fault(self, error: LostWorkerError) -> Fault | None:
+    def fault(self, error: LostProcessError) -> Fault | None:
         """Return the driver's fault if the driver lost the process, None otherwise."""
         kind = _FAULTS.get(error.loss)
         was_asked = error.is_drivers_turn and error.loss is not Loss.BROKE_PROTOCOL
@@ -69,7 +69,7 @@ def _is_ours(part: object) -> bool:
     return type(part).__module__.partition(".")[0] == "frenetic"
 
 
-def lost_process(error: LostWorkerError, fault: Fault | None = None) -> Trouble:
+def lost_process(error: LostProcessError, fault: Fault | None = None) -> Trouble:
     """Return the trouble of a drive whose process was lost.
 
     Args:

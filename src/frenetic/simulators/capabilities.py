@@ -12,7 +12,7 @@ from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any, Final
 
 from frenetic._support.bounds import Count, Positive, check
-from frenetic.conditions.condition import Quantity, attributes
+from frenetic.conditions.condition import Condition, attributes
 from frenetic.drivers.driver import Driver, SelectiveDriver, camera_of, period_of, stack_of
 from frenetic.errors import DriverError, FreneticError, RoadError
 from frenetic.road import Road
@@ -31,7 +31,7 @@ def _accept(_: Driver) -> None:
 
 
 @dataclass(frozen=True)
-class Usual:
+class SimulatorDefaults:
     """Capabilities that a simulator's class declares before one is made."""
 
     needs: tuple[str, ...] = ()
@@ -56,13 +56,13 @@ class Usual:
         """Modules of `needs` that are not installed."""
         return [module for module in self.needs if find_spec(module) is None]
 
-    def lays(self, row: Quantity) -> bool:
+    def lays(self, row: Condition) -> bool:
         """Return whether the simulator lays a quantity, as an attribute or over the driver."""
         return not row.attribute or row.attribute in self.variable
 
 
 @dataclass(frozen=True)
-class Capabilities(Usual):
+class Capabilities(SimulatorDefaults):
     """Capabilities of a simulator."""
 
     wall_limit: Positive = 60.0
@@ -91,13 +91,15 @@ class Capabilities(Usual):
         return 1.5 * self.wall_limit + 10.0
 
 
-def usual(factory: Callable[..., Any]) -> Usual:
+def usual(factory: Callable[..., Any]) -> SimulatorDefaults:
     """Return the capabilities that a simulator's class declares.
 
     Raises:
         FreneticError: A declared value is invalid.
     """
-    return Usual(**_declared(factory, Usual) | {"variable": _variable(factory) | {"rules"}})
+    return SimulatorDefaults(
+        **_declared(factory, SimulatorDefaults) | {"variable": _variable(factory) | {"rules"}}
+    )
 
 
 def capabilities(simulator: Simulator) -> Capabilities:
@@ -179,7 +181,7 @@ def check_drawn(road: Road) -> None:
         raise RoadError(f"A camera sees {_FLAT}: {_REMEDY}")
 
 
-def _declared(part: object, kind: type[Usual]) -> dict[str, Any]:
+def _declared(part: object, kind: type[SimulatorDefaults]) -> dict[str, Any]:
     """Return the capabilities of a kind that a simulator or its class declares."""
     values = {item.name: getattr(part, item.name, None) for item in fields(kind)}
     # On a class, a property says nothing before there is an instance.

@@ -14,7 +14,7 @@ from typing import Any, TypeAlias
 from msgspec import convert
 
 from frenetic._support.bounds import Finite
-from frenetic.conditions.condition import SEED, named, quantities, quantity
+from frenetic.conditions.condition import SEED, condition_named, known_conditions, named
 from frenetic.drivers.driver import Driver
 from frenetic.drivers.loading import under
 from frenetic.errors import FreneticError
@@ -33,9 +33,10 @@ def check_conditions(values: Conditions) -> None:
     Raises:
         ValueError: A name is no condition, or a value is not a finite number.
     """
-    if unknown := sorted(values.keys() - {*quantities(), SEED}):
+    if unknown := sorted(values.keys() - {*known_conditions(), SEED}):
         raise ValueError(
-            f"there is no condition {', '.join(unknown)}: choose from {', '.join(quantities())}"
+            f"there is no condition {', '.join(unknown)}: choose from"
+            f" {', '.join(known_conditions())}"
         )
     convert(dict(values), dict[str, Finite])
 
@@ -47,7 +48,7 @@ def check_can_vary(simulator: Simulator, names: Iterable[str]) -> None:
         FreneticError: The simulator cannot vary a quantity.
     """
     declared = capabilities(simulator)
-    for row in map(quantity, names):
+    for row in map(condition_named, names):
         if not declared.lays(row):
             raise FreneticError(
                 f"{type(simulator).__name__} cannot vary {row.name}: it has no attribute"
@@ -58,9 +59,9 @@ def check_can_vary(simulator: Simulator, names: Iterable[str]) -> None:
 
 def own_amount(simulator: Simulator, name: str) -> float | None:
     """Return a simulator's amount of a quantity that is its attribute; None if there is none."""
-    value: Any = getattr(simulator, quantity(name).attribute)
+    value: Any = getattr(simulator, condition_named(name).attribute)
     if value is None:  # it is the vehicle's
-        value = getattr(getattr(simulator, "vehicle", None), quantity(name).attribute, None)
+        value = getattr(getattr(simulator, "vehicle", None), condition_named(name).attribute, None)
     return value.speed_limit if isinstance(value, Rules) else value
 
 
@@ -71,7 +72,7 @@ def usual_conditions(conditions: Conditions, simulator: Simulator) -> dict[str, 
     """
     amounts: dict[str, float] = {}
     for name in named(conditions):
-        usual = quantity(name).nothing
+        usual = condition_named(name).nothing
         usual = own_amount(simulator, name) if usual is None else usual
         if usual is not None:
             amounts[name] = usual
@@ -81,7 +82,7 @@ def usual_conditions(conditions: Conditions, simulator: Simulator) -> dict[str, 
 def rules_in(conditions: Conditions, rules: Rules) -> Rules:
     """Return the rules of a drive in some conditions, in a campaign with these rules."""
     for name in named(conditions):
-        if quantity(name).attribute == "rules":
+        if condition_named(name).attribute == "rules":
             rules = rules.with_speed(conditions[name])
     return rules
 
@@ -97,7 +98,7 @@ def in_conditions(conditions: Conditions, simulator: Simulator, driver: Driver) 
     names = [name for name in conditions if name != SEED]
     check_can_vary(simulator, names)
     for name in names:
-        attribute = quantity(name).attribute
+        attribute = condition_named(name).attribute
         if attribute == "rules":
             values[attribute] = simulator.rules.with_speed(conditions[name])
         elif attribute:

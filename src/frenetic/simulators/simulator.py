@@ -6,7 +6,7 @@ from numbers import Real
 from types import TracebackType
 from typing import Any, Generic, Protocol, Self, TypeVar, runtime_checkable
 
-from frenetic.conditions.condition import quantity
+from frenetic.conditions.condition import condition_named
 from frenetic.drivers.driver import Driver
 from frenetic.oracle.drive import CarBody, Drive, Rules
 from frenetic.road import Road
@@ -87,7 +87,7 @@ class Amount(Generic[T]):
 
     def __set__(self, simulator: object, value: T) -> None:
         if value != self.usual:
-            row = quantity(self._name)
+            row = condition_named(self._name)
             if not (isinstance(value, Real) and row.low <= value <= row.high):
                 text = f"{self._attribute} is {value!r}: {row.allowed} is needed"
                 raise ValueError(text)

@@ -9,7 +9,7 @@ from frenetic._support.words import part_word, read_part
 from frenetic.parts.registry import SIMULATORS
 
 if TYPE_CHECKING:
-    from frenetic.simulators.capabilities import Usual
+    from frenetic.simulators.capabilities import SimulatorDefaults
 
 USUAL: Final = {"strategy": "frenetic", "driver": "planner", "simulator": "embedded"}
 """Parts of a spec without names."""
@@ -35,7 +35,7 @@ def followed_by(earlier: str, later: str) -> str:
     return part_word(later_name or name, {**options, **later_options})
 
 
-def usual_of(simulator: str) -> Usual:
+def usual_of(simulator: str) -> SimulatorDefaults:
     """Return the defaults that a simulator's class declares."""
     from frenetic.simulators.capabilities import usual  # numba takes its time
 

@@ -130,7 +130,7 @@ class RunEntries(
         ),
     ] = None
     seed: Annotated[Index | None, _about("Repeats a search. [default: a new one]", "N")] = None
-    lookahead: Count | None = None
+    max_in_flight: Count | None = None
     """Number of roads that are proposed ahead."""
     workers: Annotated[
         Count | str | None,

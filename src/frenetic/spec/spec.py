@@ -15,7 +15,7 @@ from frenetic._support.bounds import Positive
 from frenetic._support.files import read_bounded
 from frenetic._support.outside_text import read_json
 from frenetic._support.words import part_word, read_part
-from frenetic.conditions.condition import SEED, SPEED, amounts_in, quantity
+from frenetic.conditions.condition import SEED, SPEED, amounts_in, condition_named
 from frenetic.errors import FreneticError
 from frenetic.parts import trust
 from frenetic.parts.registry import Construction
@@ -102,7 +102,7 @@ class Spec(RunEntries, frozen=True, kw_only=True):
         later_values["conditions"] = {
             name: amount
             for name, amount in (conditions | later.conditions).items()
-            if name == SEED or amount != quantity(name).nothing
+            if name == SEED or amount != condition_named(name).nothing
         }
         return structs.replace(self, **values | later_values)
 

@@ -10,7 +10,7 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any, Final
 
 from frenetic._support.words import part_word, read_part, shortened
-from frenetic.criteria.criterion import Profile
+from frenetic.criteria.criterion import CriteriaSet
 
 # Imports inside functions below are too slow for help.
 
@@ -61,13 +61,13 @@ def read_domain(odd: str | Mapping[str, Any]) -> Domain:
     return Domain.from_entries(str(odd.get("name", "own")), odd)
 
 
-def read_profile(criteria: str | Mapping[str, Any]) -> Profile:
+def read_profile(criteria: str | Mapping[str, Any]) -> CriteriaSet:
     """Return the criteria of an entry from `criteria_entries`."""
     if isinstance(criteria, str):
         name, options = read_part(criteria)
-        return Profile.of(name or COMPETITION, options)
+        return CriteriaSet.of(name or COMPETITION, options)
     entries = {key: value for key, value in criteria.items() if key != "name"}
-    return Profile.from_entries(str(criteria.get("name", "own")), entries)
+    return CriteriaSet.from_entries(str(criteria.get("name", "own")), entries)
 
 
 def criteria_entries(criteria: str | Mapping[str, Any]) -> dict[str, Any]:

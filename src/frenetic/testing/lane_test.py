@@ -28,10 +28,10 @@ from typing import Any, Final, TypeVar
 from frenetic._support.bounds import require_count
 from frenetic._support.files import write_file
 from frenetic._support.words import counted
-from frenetic.analysis.causes import cause_of, in_words
+from frenetic.analysis.causes import as_text, cause_of
 from frenetic.analysis.segments import segment_of
 from frenetic.campaign import Budget, Campaign, CampaignStore, Event, RoadTester, Test
-from frenetic.campaign.defaults import LOOKAHEAD
+from frenetic.campaign.defaults import MAX_IN_FLIGHT
 from frenetic.criteria.criterion import COMPETITION
 from frenetic.drivers import Driver
 from frenetic.errors import DriverError, FreneticError
@@ -250,7 +250,7 @@ class _Check:
                 # Without a limit of time, by which a search would depend on the machine's speed.
                 budget=Budget(simulations=budget.simulations, failures=_FAILURES),
                 folder=folder,
-                lookahead=strategy.usual_lookahead or LOOKAHEAD,
+                max_in_flight=strategy.default_max_in_flight or MAX_IN_FLIGHT,
                 objective=self.spec.named_objective,
                 terms=tester.terms,
             )
@@ -328,7 +328,7 @@ class _Check:
 
     def _text(self, title: str, found: list[list[str]], note: str = "") -> str:
         spec = self.spec
-        roads = COMPETITION if spec.road_class is None else spec.road_class.in_words()
+        roads = COMPETITION if spec.road_class is None else spec.road_class.as_text()
         lines = [f"{title}; roads: {roads}; criteria: {spec.rules.criteria.name}"]
         for failure in found:
             lines += ["", *failure]
@@ -355,7 +355,7 @@ def _cause(road: Road, drive: Drive, result: Result) -> str:
     """What the driver does wrong in a drive, in words."""
     if result.fault is not None:
         return str(result.fault)
-    return in_words(*cause_of(segment_of(road, drive, result.finding)))
+    return as_text(*cause_of(segment_of(road, drive, result.finding)))
 
 
 def _digest(text: str, length: int = 8) -> str:

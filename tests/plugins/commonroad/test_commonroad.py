@@ -14,12 +14,13 @@ from vehiclemodels.init_mb import init_mb
 from vehiclemodels.parameters_vehicle2 import parameters_vehicle2
 from vehiclemodels.vehicle_dynamics_mb import vehicle_dynamics_mb
 
-from frenetic import Controls, DriveSetup, Observation, Planner, Pose, Road, Rules, Stanley
+from frenetic import Controls, DriveSetup, Observation, Planner, Road, Rules, Stanley
 from frenetic.errors import FreneticError
 from frenetic.oracle.outcome import Outcome
 from frenetic.oracle.verdict import judge
 from frenetic.plugins.commonroad import CommonRoadSimulator
 from frenetic.plugins.commonroad.car import CommonRoadCar
+from frenetic.road import Pose
 from frenetic.simulators import EmbeddedSimulator, Simulator, Vehicle
 from frenetic.testing import SimulatorContract
 

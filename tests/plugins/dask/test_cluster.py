@@ -96,8 +96,10 @@ def workers_of(
 
 
 def test_a_campaign_is_the_one_of_a_single_process(cluster: Cluster, tmp_path: Path) -> None:
-    campaign(tmp_path / "here", simulator=Uneven(), lookahead=16).run()
-    there = campaign(tmp_path / "there", simulator=Uneven(), lookahead=16, workers=cluster.address)
+    campaign(tmp_path / "here", simulator=Uneven(), max_in_flight=16).run()
+    there = campaign(
+        tmp_path / "there", simulator=Uneven(), max_in_flight=16, workers=cluster.address
+    )
     there.run()
     assert contents(tmp_path / "there") == contents(tmp_path / "here")
     with CampaignStore.open(tmp_path / "there") as store:

@@ -88,7 +88,7 @@ def spec_of(**options: Any) -> Spec:
         strategy=part_word("foresight", {"random_roads": 15, "random_budget": 0.5, **options}),
         driver="stanley,lateral_acceleration=7.5",
         seed=3,
-        lookahead=4,
+        max_in_flight=4,
         simulations=36,
     )
 

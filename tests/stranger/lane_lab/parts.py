@@ -11,11 +11,11 @@ from frenetic import (
     EmbeddedSimulator,
     Evaluation,
     Observation,
-    Origin,
     Road,
     Rules,
     Strategy,
 )
+from frenetic.search import Origin
 from frenetic.search.strategy import Ledger
 
 

@@ -3,10 +3,10 @@
 from dataclasses import replace
 
 from frenetic import Controls, Driver, DriveSetup, Observation
-from frenetic.conditions.condition import Quantity
+from frenetic.conditions.condition import Condition
 
 QUANTITIES = (
-    Quantity(
+    Condition(
         name="wind",
         about="angle by which wind from the right turns the wheels",
         unit="rad",

@@ -12,7 +12,7 @@ from frenetic.campaign.tester import RoadTester
 from frenetic.campaign.workers.local import is_isolable
 from frenetic.errors import CampaignError, Trouble
 from frenetic.oracle.drive import CarBody, Drive, Rules, Trajectory
-from frenetic.processes.object_process import LostWorkerError, ObjectProcess, pack
+from frenetic.processes.object_process import LostProcessError, ObjectProcess, pack
 from frenetic.road import Road
 from frenetic.simulators.blame import Blame, lost_process, raised
 from frenetic.simulators.capabilities import capabilities
@@ -76,7 +76,7 @@ class DriveProcess:
             self._process.start(CarBody)
             compile_kernels()  # meanwhile: roads are checked here
             car: CarBody = self._process.answer()
-        except LostWorkerError as error:
+        except LostProcessError as error:
             self._process.kill()
             raise CampaignError(lost_process(error).reason) from None
         except BaseException:
@@ -96,7 +96,7 @@ class DriveProcess:
         self._is_up = False
         try:
             self._process.close()
-        except LostWorkerError as error:
+        except LostProcessError as error:
             raise CampaignError(lost_process(error).reason) from None
 
     def drive(self, road: Road, conditions: Mapping[str, float] = MappingProxyType({})) -> Drive:
@@ -111,7 +111,7 @@ class DriveProcess:
             drive: _RoadlessDrive = self._process.call(
                 "drive", road, dict(conditions), limit=self._limit, answer=_RoadlessDrive
             )
-        except LostWorkerError as error:
+        except LostProcessError as error:
             self._process.kill()
             self._is_up = False
             trouble = lost_process(error, self._blame.fault(error))

@@ -17,7 +17,7 @@ from frenetic.campaign.workers.workers import InProcessWorker, Workers, cluster_
 from frenetic.errors import CampaignError, Fault, Trouble, describe_error
 from frenetic.processes.object_process import (
     MOST_WORKERS,
-    LostWorkerError,
+    LostProcessError,
     ObjectProcess,
     pack,
     ready,
@@ -89,7 +89,7 @@ def is_isolable(tester: RoadTester) -> bool:
 
 
 def lost_attempt(
-    number: int, worker: str, error: LostWorkerError, fault: Fault | None, seconds: float
+    number: int, worker: str, error: LostProcessError, fault: Fault | None, seconds: float
 ) -> Attempt:
     """Return the attempt at a candidate whose worker was lost.
 
@@ -195,7 +195,7 @@ class LocalWorkers:
                     if attempt.simulator_broke:  # so may have its process, in which others wait
                         self._replace(seat)
                         break
-            except LostWorkerError as error:
+            except LostProcessError as error:
                 attempts += self._lost(seat, error)
             else:
                 if not seat.is_ready and not len(seat.worker):
@@ -231,7 +231,7 @@ class LocalWorkers:
             for seat in self._seats:
                 if error is None and seat.is_ready:
                     seat.worker.close()
-        except LostWorkerError as loss:  # what was driven stands
+        except LostProcessError as loss:  # what was driven stands
             logger.warning("a simulator did not end well: %s", loss)
         finally:  # also if Ctrl-C is pressed meanwhile
             for seat in self._seats:
@@ -251,7 +251,7 @@ class LocalWorkers:
                 seat.is_lost = False
                 return
 
-    def _lost(self, seat: _Seat, error: LostWorkerError) -> list[Attempt]:
+    def _lost(self, seat: _Seat, error: LostProcessError) -> list[Attempt]:
         """Replace a worker; return the lost attempt."""
         if trace := error.trouble.traceback:
             logger.debug("%s: %s\n%s", seat.worker.name, error, trace)

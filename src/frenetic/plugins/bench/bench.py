@@ -107,7 +107,7 @@ class Bench:
         ]
 
     @property
-    def runs_in_words(self) -> str:
+    def runs_text(self) -> str:
         """Numbers of runs and of simulations of an entrant."""
         return f"{counted(self.repeats, 'run')} of {self.terms.simulations} simulations"
 

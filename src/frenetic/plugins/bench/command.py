@@ -197,7 +197,7 @@ def _run(the_bench: Bench, resume: bool, workers: int | None, as_json: bool) -> 
             compiled()
             names = ", ".join(entrant.name for entrant in the_bench.entrants)
             log.print(
-                f"{the_bench.runs_in_words} each of {names}, results in {the_bench.folder}",
+                f"{the_bench.runs_text} each of {names}, results in {the_bench.folder}",
                 markup=False,
             )
             needed = the_bench.repeats_needed

@@ -19,7 +19,7 @@ from frenetic.processes.interrupt import catch_interrupt
 from frenetic.processes.object_host import report
 from frenetic.processes.object_process import (
     MOST_WORKERS,
-    LostWorkerError,
+    LostProcessError,
     ObjectProcess,
     pack,
     ready,
@@ -66,7 +66,7 @@ def run_all(
                     run = at_work[worker]
                     try:
                         messages = worker.receive()
-                    except LostWorkerError as error:
+                    except LostProcessError as error:
                         logger.debug("%s: %s\n%s", run.name, error, error.trouble.traceback)
                         messages = [RunState(run, None, str(error))]
                     for message in filter(None, messages):

@@ -32,7 +32,7 @@ def write_results(bench: Bench, comparison: Comparison) -> Path:
         comparison,
         bench.folder / PAGE,
         title=f"Bench of {number} generators",
-        lead=f"{bench.runs_in_words} each.",
+        lead=f"{bench.runs_text} each.",
         facts=_terms(bench),
         sections=list(_published(bench, comparison)),
         command=None if bench.file is None else shlex.join(["frenetic", "bench", str(bench.file)]),

@@ -32,7 +32,7 @@ from frenetic.campaign.workers.local import TesterHost, lost_attempt
 from frenetic.campaign.workers.workers import Workers
 from frenetic.errors import CampaignError, FreneticError, Trouble, describe_error, reason_of
 from frenetic.parts.user_modules import USER_MODULE, user_files
-from frenetic.processes.object_process import LostWorkerError, ObjectProcess
+from frenetic.processes.object_process import LostProcessError, ObjectProcess
 from frenetic.search.records import Candidate
 from frenetic.simulators.blame import Blame
 
@@ -236,7 +236,7 @@ class _Seats:
 
 def _end(seats: list[ObjectProcess]) -> None:
     for seat in seats:
-        with suppress(LostWorkerError):  # what was driven stands
+        with suppress(LostProcessError):  # what was driven stands
             seat.close()
 
 
@@ -254,7 +254,7 @@ def _test(seats: _Seats, candidate: Candidate) -> Attempt:
     start = time.monotonic()
     try:
         attempt: Attempt = seat.call("test", candidate, limit=seats.drive_limit, answer=Attempt)
-    except LostWorkerError as error:
+    except LostProcessError as error:
         seat.kill()
         seconds = time.monotonic() - start
         return lost_attempt(candidate.id, name, error, seats.blame.fault(error), seconds)
@@ -269,7 +269,7 @@ def _started(seat: ObjectProcess) -> ObjectProcess:
     try:
         seat.start()
         seat.answer()
-    except (LostWorkerError, OSError, EOFError) as error:
+    except (LostProcessError, OSError, EOFError) as error:
         seat.kill()
         raise _NoStartError(f"{seat.name}: {error}") from None
     return seat

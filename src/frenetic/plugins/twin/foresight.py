@@ -15,7 +15,7 @@ import numpy as np
 
 from frenetic._support.arrays import FloatArray
 from frenetic.campaign.objective import Objective, evaluate
-from frenetic.conditions.condition import SEED, quantity
+from frenetic.conditions.condition import SEED, condition_named
 from frenetic.errors import FreneticError
 from frenetic.parts.registry import STRATEGIES, hint
 from frenetic.parts.versions import SHORT
@@ -228,5 +228,5 @@ class OnlineTwin:
         return {
             name: value
             for name, value in candidate.conditions.items()
-            if name != SEED and quantity(name).attribute in self._variable
+            if name != SEED and condition_named(name).attribute in self._variable
         }

@@ -17,13 +17,13 @@ import numpy as np
 from frenetic._support.arrays import FloatArray
 from frenetic._support.bounds import Index, check
 from frenetic._support.compiled import njit
-from frenetic.conditions.condition import Quantity
+from frenetic.conditions.condition import Condition
 from frenetic.drivers.camera import Camera, Scene
 from frenetic.drivers.driver import (
     Controls,
     Driver,
     Observation,
-    OwnLayer,
+    OwnWrapper,
     camera_of,
 )
 from frenetic.plugins.vision.quantities import (
@@ -53,7 +53,7 @@ _TAPS = 7  # places that a blurred pixel is averaged over
 _BANK = 1 << 16  # different beginnings of the grain
 
 
-class CameraLayer(OwnLayer):
+class CameraLayer(OwnWrapper):
     """A layer that changes what a driver's camera sees.
 
     Args:
@@ -63,7 +63,7 @@ class CameraLayer(OwnLayer):
         ValueError: neither the driver nor one under its layers has a camera.
     """
 
-    quantity: ClassVar[Quantity]
+    quantity: ClassVar[Condition]
     name: ClassVar[str]
     """Name of its amount."""
 

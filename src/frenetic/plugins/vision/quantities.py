@@ -8,11 +8,11 @@ from __future__ import annotations
 import math
 from typing import Final
 
-from frenetic.conditions.condition import FARTHEST, Quantity
+from frenetic.conditions.condition import FARTHEST, Condition
 
 _LAYERS: Final = "frenetic.plugins.vision.appearance"
 
-SCENE: Final = Quantity(
+SCENE: Final = Condition(
     name="scene",
     about="seed of the asphalt, land, sky and sun that a camera sees",
     low=0.0,
@@ -23,7 +23,7 @@ SCENE: Final = Quantity(
     needs_camera=True,
     words=("a scene of a lower seed", "a scene of a higher seed"),
 )
-WEAR: Final = Quantity(
+WEAR: Final = Condition(
     name="wear",
     about="share of the markings' paint that is gone, for a camera",
     low=0.0,
@@ -33,7 +33,7 @@ WEAR: Final = Quantity(
     layer=f"{_LAYERS}:Worn",
     needs_camera=True,
 )
-FOG: Final = Quantity(
+FOG: Final = Condition(
     name="fog",
     about="visibility in the fog that a camera sees",
     unit="m",
@@ -45,7 +45,7 @@ FOG: Final = Quantity(
     needs_camera=True,
     words=("thicker fog", "thinner fog"),
 )
-RAIN: Final = Quantity(
+RAIN: Final = Condition(
     name="rain",
     about="rate of the rain that a camera sees",
     unit="mm/h",
@@ -57,7 +57,7 @@ RAIN: Final = Quantity(
     needs_camera=True,
     is_seeded=True,
 )
-BLUR: Final = Quantity(
+BLUR: Final = Condition(
     name="blur",
     about="time of a camera's exposure, while the car moves",
     unit="s",
@@ -68,7 +68,7 @@ BLUR: Final = Quantity(
     layer=f"{_LAYERS}:Blurred",
     needs_camera=True,
 )
-LIGHT: Final = Quantity(
+LIGHT: Final = Condition(
     name="light",
     about="factor of the light that a camera gets, 1 is what it is set for",
     low=0.01,
@@ -78,7 +78,7 @@ LIGHT: Final = Quantity(
     layer=f"{_LAYERS}:Lit",
     needs_camera=True,
 )
-GRAIN: Final = Quantity(
+GRAIN: Final = Condition(
     name="grain",
     about="standard deviation of a camera's noise, of the values 0 to 255",
     low=0.0,

@@ -27,21 +27,21 @@ from frenetic._support.words import (
 from frenetic.analysis.caution import caution
 from frenetic.analysis.clusters import COMPARED, Clusters, distinct_among, nearest_misses
 from frenetic.analysis.coverage import domain_coverage, varied_axes
-from frenetic.analysis.criteria import criteria_in_words
+from frenetic.analysis.criteria import criteria_text
 from frenetic.analysis.failures import Failure
 from frenetic.analysis.features import Features, features_of
 from frenetic.analysis.segments import Segment, segment_of_test
 from frenetic.campaign.configuration import OWNER, SPEC, earlier_of
 from frenetic.campaign.counts import Counts
 from frenetic.campaign.guarded_strategy import FACTS
-from frenetic.campaign.objective import in_words as objective_in_words
+from frenetic.campaign.objective import as_text as objective_text
 from frenetic.campaign.record import Test
 from frenetic.campaign.second_drive import not_repeatable
 from frenetic.campaign.status import going_on
 from frenetic.campaign.store import CampaignStore
-from frenetic.campaign.summary import facts_in_words
+from frenetic.campaign.summary import facts_text
 from frenetic.campaign.warm_start import still_failing
-from frenetic.conditions.condition import in_words
+from frenetic.conditions.condition import as_text
 from frenetic.errors import CampaignError
 from frenetic.export.tables import Place, opened
 from frenetic.oracle.outcome import Outcome
@@ -245,7 +245,7 @@ def _drives(store: CampaignStore, reading: Reading, shown: Sequence[int]) -> lis
             continue
         data = drive_data(test_id, record.result, segment, record.candidate.origin)
         data |= files_of(test_id, store)
-        if conditions := in_words(record.candidate.conditions):
+        if conditions := as_text(record.candidate.conditions):
             data["reason"] += f"; {conditions}"
         drives.append(data)
         room -= len(encode(data))
@@ -307,7 +307,7 @@ def headline(
     """
     config, facts = store.config, store.facts
     strategy, driver, simulator = (recorded_part(config, kind) for kind in PARTS)
-    criteria, seed = criteria_in_words(store), config.get("seed")
+    criteria, seed = criteria_text(store), config.get("seed")
     warnings = [not_repeatable(facts), str(facts.get("notice", "")), caution(store)]
     if facts.get("interrupted"):
         warnings.insert(0, f"interrupted before its budget was spent; go on: {going_on(store)}")
@@ -319,15 +319,15 @@ def headline(
     version = short_version(innermost(config.get("driver")))
     facts_shown = {
         "campaign": str(store.folder),
-        "roads": "" if road_class is None else road_class.in_words(),
-        "domain": "" if domain is None else domain.in_words(),
-        "conditions": in_words(store.setting.conditions),
-        "how often it fails": "" if estimate is None else estimate.in_words(),
+        "roads": "" if road_class is None else road_class.as_text(),
+        "domain": "" if domain is None else domain.as_text(),
+        "conditions": as_text(store.setting.conditions),
+        "how often it fails": "" if estimate is None else estimate.as_text(),
         "criteria": criteria,
-        "objective": objective_in_words(store),
+        "objective": objective_text(store),
         "starts from": "; ".join(map(str, earlier_of(config))),
         "known before": still_failing(store),
-        "search": facts_in_words(facts.get(FACTS)),
+        "search": facts_text(facts.get(FACTS)),
         "driver": f"{driver}, {version}" if version else "",
         "finished": _when(facts.get("finished_at")),
     }

@@ -25,7 +25,7 @@ def domain_section(coverage: DomainCoverage) -> Section:
         blocks.append(_pairs(coverage))
     if coverage.gaps:
         blocks.append(_gaps(coverage))
-    lead = f"Which conditions and roads of {coverage.name} were driven. {coverage.in_words()}."
+    lead = f"Which conditions and roads of {coverage.name} were driven. {coverage.as_text()}."
     return Section("domain", title, tuple(blocks), lead)
 
 
@@ -79,7 +79,7 @@ def _gaps(coverage: DomainCoverage) -> Table:
     left = len(coverage.gaps) - len(gaps)
     return Table(
         ("never reached, most probable first", ">lies there"),
-        tuple((proper(capitalised(gap.in_words())), gap.likelihood) for gap in gaps),
+        tuple((proper(capitalised(gap.as_text())), gap.likelihood) for gap in gaps),
         f"{left} more are less probable; 'frenetic show --json' lists all." if left else "",
     )
 

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping, Sequence, Set
 from typing import Any
 
 from frenetic._support.words import capitalised, counted
-from frenetic.analysis.causes import in_words
+from frenetic.analysis.causes import as_text
 from frenetic.analysis.clusters import Clusters
 from frenetic.campaign.counts import Counts
 from frenetic.report.html.page import DataBlock, Section, Table
@@ -88,7 +88,7 @@ def _cluster_data(
             "side": cluster.side,
             "first": min(cluster.ids),
             "group": causes[cluster.ids].words if cluster.ids in causes else "",
-            "cause": "" if cluster.cause is None else in_words(*cluster.cause),
+            "cause": "" if cluster.cause is None else as_text(*cluster.cause),
             "was_known": cluster.was_known is True,
         }
         for cluster in dict.fromkeys([*first, *clusters])

@@ -17,7 +17,7 @@ from frenetic.criteria.criterion import DRIVER, LANE
 from frenetic.oracle.drive import Trajectory
 from frenetic.oracle.outcome import Outcome
 from frenetic.oracle.signals import measure
-from frenetic.oracle.verdict import Assessment, Result, Side, breach_in_words
+from frenetic.oracle.verdict import Assessment, Result, Side, breach_text
 from frenetic.report.failures import FAILURES, file_stem
 from frenetic.report.minimised import MINIMISED, minimised_drives
 from frenetic.report.orientation import turn_of
@@ -132,7 +132,7 @@ def road_data(road: Road) -> dict[str, Any]:
         "curvatures": road.curvatures.round(6).tolist(),
         "pose": (round(x, 3), round(y, 3), round(heading, 5)),
         "turn": round(turn_of(road), 3),
-        "words": road.in_words(),
+        "words": road.as_text(),
         **{name: pairs for name, pairs in profiles.items() if pairs},
     }
 
@@ -162,7 +162,7 @@ def drive_data(
         "moobd_distance": _rounded(result.moobd_distance, 2),
         "max_oob_share": _rounded(result.max_oob_share, 2),
         "duration": _rounded(result.duration, 2),
-        "origin": origin and _origin_in_words(origin),
+        "origin": origin and _origin_text(origin),
         "road": road_data(road),
         "car": [round(size, 3) for size in (car.length, car.width, car.centre_ahead)],
         "speed_limits": drive.rules.speed_limits_on(road).round(3).tolist(),
@@ -173,7 +173,7 @@ def drive_data(
         },
         "breaches": [
             {
-                "words": breach_in_words([finding], drive.rules.criteria),
+                "words": breach_text([finding], drive.rules.criteria),
                 **{
                     name: round(getattr(finding, name), 3)
                     for name in ("time", "distance", "x", "y")
@@ -190,7 +190,7 @@ def drive_data(
     }
 
 
-def _origin_in_words(origin: Origin) -> str:
+def _origin_text(origin: Origin) -> str:
     parents = f" of {' and '.join(map(str, origin.parents))}" if origin.parents else ""
     does = f": {DOES[origin.operator]}" if origin.operator in DOES else ""
     return f"{origin.operator}{parents}{does}; generation {origin.generation}"
