@@ -37,10 +37,13 @@ HEAVY = {
     planted.ShortWheelbase,
     planted.Lagging,
     planted.Limited,
+    planted.TooFast,
     planted.CutsBends,
     planted.Raises,
     planted.Stops,
+    planted.Unrepeatable,
 }
+"""Drivers whose searches take longest, or whose kind of fault a light test shows, too."""
 SHARE = 0.6
 """Least share of the failures that have the planted cause."""
 

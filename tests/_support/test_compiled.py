@@ -82,6 +82,7 @@ def start(folder: Path, code: str) -> subprocess.Popen[str]:
     )
 
 
+@pytest.mark.heavy
 def test_processes_take_turns(folder: Path) -> None:
     with start(folder, SLOW) as slow, start(folder, "input()\n" + OTHER) as other:
         assert slow.stdin

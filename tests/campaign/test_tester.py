@@ -263,7 +263,7 @@ class Counted(Planner):
 """
 
 
-@pytest.mark.parametrize("workers", [1, 2])
+@pytest.mark.parametrize("workers", [pytest.param(1, marks=pytest.mark.heavy), 2])
 def test_a_users_driver_is_made_once_in_each_process_that_uses_it(
     tmp_path: Path, workers: int
 ) -> None:

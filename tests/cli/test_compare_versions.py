@@ -53,6 +53,7 @@ def test_the_first_line_says_which_is_better(frenetic: Frenetic) -> None:
     assert worse.out.startswith("new is worse: of 20 fresh roads, it fails on ")
 
 
+@pytest.mark.heavy
 def test_a_driver_edited_in_place_is_compared_with_what_it_was(frenetic: Frenetic) -> None:
     text = "from frenetic import Planner\n\nclass Mine(Planner):\n    usual = {}\n\n"
     text += "    def __init__(self):\n        super().__init__(aggression=self.usual)\n"

@@ -72,6 +72,7 @@ def test_a_minimised_road_exceeds_the_same_limit(frenetic: Frenetic, gentle: Pat
     } | {driven["findings"][0]["criterion"]}
 
 
+@pytest.mark.heavy
 def test_its_file_and_resume_go_on_with_them(
     frenetic: Frenetic, gentle: Path, tmp_path: Path
 ) -> None:

@@ -195,7 +195,7 @@ def evil(campaign: Path, tmp_path: Path) -> Path:
         "resume c --simulations 8",
         "rerun c 2",
         "minimise c 2 --max-drives 2",
-        "compare c other",
+        pytest.param("compare c other", marks=pytest.mark.heavy),
         "export c --format competition",
         pytest.param("export c --format csv", marks=pytest.mark.heavy),
         "drive c 2",

@@ -59,6 +59,7 @@ def test_a_campaigns_file_holds_what_was_said_and_what_makes_it_repeatable(
     assert entries.items() >= {**usual, **said}.items()
 
 
+@pytest.mark.heavy
 def test_a_search_that_starts_from_others_is_repeated(frenetic: Frenetic) -> None:
     for name, seed in (("one", "3"), ("two", "4")):
         frenetic("run", "--simulations", "20", "--seed", seed, *ALONE, "--out", name)

@@ -127,7 +127,7 @@ def test_places_of_conditions_move_with_the_length_of_the_road() -> None:
     assert as_text(there) == "friction 0.5, wet 0.4 at 30 m, gust 9 m/s at 100 m"
 
 
-@pytest.mark.parametrize("name", ["frenetic", "random"])
+@pytest.mark.parametrize("name", ["frenetic", pytest.param("random", marks=pytest.mark.heavy)])
 def test_a_campaign_in_a_domain_goes_on_and_is_driven_again(
     name: str, path: Path, tmp_path: Path
 ) -> None:

@@ -82,6 +82,7 @@ def test_execution_data_agree_with_the_oracle(campaign: Path, exported: Path) ->
             assert data[0]["pos"][2] == -28.0
 
 
+@pytest.mark.heavy
 def test_tables_count_all_tests(campaign: Path, exported: Path) -> None:
     frame = data_frame(campaign)
     number = frame["outcome"].value_counts()

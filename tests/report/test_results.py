@@ -109,6 +109,7 @@ def test_it_is_a_name_of_the_package() -> None:
     assert frenetic.resume is resume
 
 
+@pytest.mark.heavy
 def test_ctrl_c_in_compiled_code_is_an_interruption(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

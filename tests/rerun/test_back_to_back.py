@@ -155,6 +155,7 @@ class Mine(Planner):
 """
 
 
+@pytest.mark.heavy
 def test_two_versions_of_a_helper_never_meet_in_one_process(tmp_path: Path) -> None:
     log = tmp_path / "imported"
     for version in (1, 2):

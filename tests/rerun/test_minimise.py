@@ -163,7 +163,10 @@ NEVER = [
 ]
 
 
-@pytest.mark.parametrize(("curvatures", "is_guarded"), [(REGAINED, True), (NEVER, False)])
+@pytest.mark.parametrize(
+    ("curvatures", "is_guarded"),
+    [(REGAINED, True), pytest.param(NEVER, False, marks=pytest.mark.heavy)],
+)
 def test_roads_whose_neighbours_pass_become_shorter_too(
     curvatures: list[float], is_guarded: bool
 ) -> None:

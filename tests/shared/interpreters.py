@@ -122,9 +122,13 @@ class WarmInterpreter(Interpreter):
 
 
 @pytest.fixture(scope="session")
-def interpreter() -> Iterator[Interpreter]:
-    """Runs command lines and code in processes of their own."""
-    one = WarmInterpreter() if sys.platform == "linux" else Interpreter()
+def interpreter(pytestconfig: pytest.Config) -> Iterator[Interpreter]:
+    """Runs command lines and code in processes of their own.
+
+    One that is warm takes as long to start as a handful of jobs: it pays for heavy tests only.
+    """
+    is_warm = sys.platform == "linux" and pytestconfig.getoption("--all")
+    one = WarmInterpreter() if is_warm else Interpreter()
     yield one
     one.close()
 

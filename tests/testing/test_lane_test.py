@@ -214,6 +214,7 @@ def test_what_is_no_driver_is_refused() -> None:
         keeps_lane(nothing)  # type: ignore[arg-type]
 
 
+@pytest.mark.heavy
 def test_tests_whose_ids_differ_in_signs_or_case_remember_roads_apart(
     interpreter: Interpreter, tmp_path: Path
 ) -> None:

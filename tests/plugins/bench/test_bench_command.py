@@ -90,6 +90,7 @@ def test_where_no_run_has_a_judged_drive_the_exit_code_is_1(
     assert "no idea" in answer.err
 
 
+@pytest.mark.heavy
 def test_a_run_of_a_strategy_is_that_of_the_command_run(frenetic: Frenetic) -> None:
     frenetic("bench", "--strategy", "frenetic", *SMALL)
     Path("run.toml").write_text("max_in_flight = 1\n")

@@ -61,6 +61,7 @@ def episode(env: gymnasium.Env[Any, Any], policy: Callable[[Vector], Any]) -> tu
             return rewards, *last
 
 
+@pytest.mark.heavy
 def test_gymnasium_accepts_it() -> None:
     check_env(gymnasium.make("frenetic/LaneKeeping-v0", camera=CAMERA).unwrapped)
 
