@@ -83,12 +83,10 @@ class Campaign(NotebookRepr):
         terms: map, lanes, roads and conditions of the drives; by default as the strategy has them.
         folder: for results, created if need be; by default a new folder under ``campaigns/``.
         workers: number of roads driven at once, or the address of a Dask scheduler whose workers
-            drive (the plug-in `dask`). 1 drives them in this process, which does
-            not survive a driver that kills or hangs it, closes its files or leaves its folder,
-            unless `isolate` says otherwise. More are processes on this machine, each with a
-            simulator and a driver of its own.
-        isolate: whether a single worker, too, drives in a process of its own, unless only compiled
-            code of ours drives.
+            drive. 1 drives in this process, which does not survive a driver that kills or hangs
+            it, closes its files or leaves its folder, unless `isolate` says otherwise. More are
+            processes on this machine, each with a simulator and a driver.
+        isolate: whether a single worker drives in another process, unless all code is compiled.
         max_in_flight: candidates outstanding at once; the strategy learns their results in the
             order of asking. So the campaign depends on max_in_flight and seed, not on number and
             speed of the workers. By default 1 with one worker, `MAX_IN_FLIGHT` or more.

@@ -10,7 +10,7 @@ import csv
 import json
 import math
 from collections import Counter
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Collection, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
@@ -237,7 +237,6 @@ def write_competition_folder(
         if outcome in outcomes:
             _write_test(folder, store.test(record.id) if outcome in driven else record)
     alone = store.config.get("workers", 1) == 1 and store.config.get("cluster") is None
-    distances = largest_distances(segments)
     generation = {
         "test_generated": numbers.total(),
         "test_valid": numbers.total() - numbers[Outcome.INVALID],
@@ -249,15 +248,8 @@ def write_competition_folder(
         "real_time_execution": round(driven_for, 3),
         "simulated_time_execution": round(simulated, 3),
     }
-    out_of_bounds = {
-        "total_oob": by_side.total(),
-        "left_oob": by_side["left"],
-        "right_oob": by_side["right"],
-        "avg_sparseness": round(float(distances.mean()), 6) if len(distances) else None,
-        "stdev_sparseness": round(float(distances.std()), 6) if len(distances) else None,
-    }
     _write_row(folder / "generation_stats.csv", generation)
-    _write_row(folder / "oob_stats.csv", out_of_bounds)
+    _write_row(folder / "oob_stats.csv", _oob_row(by_side, segments))
     _write_row(folder / "experiment_description.csv", _experiment(store))
 
 
@@ -265,6 +257,18 @@ def _write_test(folder: Path, test: Test) -> None:
     path = folder / f"test.{test.id:04d}.json"
     text = json.dumps(stored_test_document(test), allow_nan=False)
     path.write_text(f"{text}\n", encoding="utf-8")
+
+
+def _oob_row(by_side: Counter[str], segments: Sequence[FloatArray]) -> dict[str, object]:
+    """Return the row of oob_stats.csv: failures by side, and their sparseness."""
+    distances = largest_distances(segments)
+    return {
+        "total_oob": by_side.total(),
+        "left_oob": by_side["left"],
+        "right_oob": by_side["right"],
+        "avg_sparseness": round(float(distances.mean()), 6) if len(distances) else None,
+        "stdev_sparseness": round(float(distances.std()), 6) if len(distances) else None,
+    }
 
 
 def _experiment(store: CampaignStore) -> dict[str, object]:

@@ -6,8 +6,8 @@ the format: PNG, SVG or PDF. The same road and drive give the same bytes (with t
 Matplotlib), and a file is written completely or not at all.
 
 Only Matplotlib's figure objects are used, never `pyplot`, so no window system is asked for and no
-backend of the surrounding program changes. Matplotlib's settings are those of the whole process
-while a picture is drawn: draw from one thread at a time.
+backend of the surrounding program changes. While a picture is drawn, Matplotlib's settings
+change for the whole process: draw from one thread at a time.
 """
 
 from __future__ import annotations

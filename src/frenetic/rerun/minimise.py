@@ -164,11 +164,7 @@ def minimise(
     """
     max_drives = require_count("max_drives", max_drives)
     terms = tester.terms
-    if road.lane_width != terms.lane_width:
-        raise ValueError(
-            f"the road's lanes are {road.lane_width:g} m wide, the tester's"
-            f" {terms.lane_width:g} m: they have to agree"
-        )
+    _require_equal_lanes(road, terms.lane_width)
     usual = usual_conditions(conditions, tester.simulator) | {
         name: amount for name, amount in terms.conditions.items() if name in conditions
     }
@@ -205,6 +201,19 @@ def minimise(
                 strategy = new_strategy()
                 replay(store, strategy, plan.budget, Objective.load(CAUSE))
             return _minimised(store, strategy, max_drives, error_text, before)
+
+
+def _require_equal_lanes(road: Road, lane_width: float) -> None:
+    """Refuse a road whose lanes do not have the width of the tester's lanes, in m.
+
+    Raises:
+        ValueError: the widths differ.
+    """
+    if road.lane_width != lane_width:
+        raise ValueError(
+            f"the road's lanes are {road.lane_width:g} m wide, the tester's"
+            f" {lane_width:g} m: they have to agree"
+        )
 
 
 def _start_shape(road: Road, road_class: RoadClass | None) -> Shape:

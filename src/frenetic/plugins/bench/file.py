@@ -112,7 +112,7 @@ class BenchFile(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
         if "path" not in places or {"copy", "pipeline"} & set(places):
             raise FreneticError(
                 f"{recipe.title} is a published generator: say where its files are, no more, as in"
-                f" {spec},path=FOLDER; they are those of {recipe.source}"
+                f" {spec},path=FOLDER; the files come from {recipe.source}"
             )
         recipe.check(self.seconds_per_test)
         return recipe.entrant(places["path"], python=places.get("python"), name=name)

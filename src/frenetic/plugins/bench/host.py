@@ -399,5 +399,5 @@ if __name__ == "__main__":
     logging.shutdown()
     for output in (sys.stdout, sys.stderr):
         output.flush()
-    the_bench.send(kind="end", how=end, detail=detail, seconds=the_bench.seconds())
+    the_bench.send(kind="end", end=end, detail=detail, seconds=the_bench.seconds())
     os._exit(0)  # without waiting for the generator's threads

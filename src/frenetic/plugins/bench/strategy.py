@@ -192,7 +192,7 @@ class GeneratorStrategy(ObservingStrategy):
 
     def _ending_of(self, message: Mapping[str, Any]) -> RunEnding:
         """Return the end that the generator reports."""
-        end, detail = End(message["how"]), " ".join(message["detail"].split())[:450]
+        end, detail = End(message["end"]), " ".join(message["detail"].split())[:450]
         if self._left <= 0 and (end is End.RETURNED or detail == "exit code 0"):
             end, detail = End.OVER, ""
         return RunEnding(end, detail)

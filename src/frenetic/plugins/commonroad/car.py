@@ -19,7 +19,7 @@ slip. A state begins like this, in SI units:
 A rolling wheel's slip decays at 4,500/s divided by the speed in m/s, half as fast again under full
 braking, so steps of the Runge-Kutta method, which is stable up to 2.78, have to be the shorter the
 slower the car is. Below `KINEMATIC_SPEED` the kinematic single-track model of the same package
-takes over, whose speed is that of the centre of mass: wheels do not slip there. It does so in a
+takes over; its speed is the speed of the centre of mass: wheels do not slip there. It does so in a
 spin that is so fast that an inner wheel rolls backwards, too, which the multi-body model cannot.
 
 The multi-body model holds wheels on the ground: one that would lift has a negative load. With our

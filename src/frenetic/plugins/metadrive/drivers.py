@@ -246,6 +246,7 @@ def metadrive_driver(driver: Driver) -> MetaDriveDriver | None:
     if inner is not driver:
         raise DriverError(
             f"{inner.name} looks at MetaDrive's own world, where noise, delay and view do not"
-            " reach it: leave them out, those of a campaign with noise=0, delay=0 or view=inf"
+            " reach it: leave them out, or take them away from a campaign's drives with noise=0,"
+            " delay=0 or view=inf"
         )
     return inner

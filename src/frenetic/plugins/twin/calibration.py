@@ -135,9 +135,7 @@ def calibrate(
         fitted = fit.intervals(best, drives, fold_places)
         on_progress(fits, fits)
     twin = figures_of(score, failed, rows)
-    curvature = np.array([np.abs(drive.road.curvatures).max() for drive in drives])
-    baselines = {UNFITTED: scores(before), CURVATURE: curvature}
-    others = {name: figures_of(values, failed) for name, values in baselines.items()}
+    others = _baselines(drives, scores(before), failed)
     interval = auc_interval(score, failed, group_labels(drives))
     verdict, reason = verdict_of(twin, failed, interval, others)
     return TwinProfile.of(
@@ -155,6 +153,15 @@ def calibrate(
             reason=reason,
         ),
     )
+
+
+def _baselines(
+    drives: Sequence[RecordedDrive], before: FloatArray, failed: FloatArray
+) -> dict[str, PredictionFigures]:
+    """Return the figures of two baselines: the twin before its fit, and the road's curvature."""
+    curvature = np.array([np.abs(drive.road.curvatures).max() for drive in drives])
+    scores_by_name = {UNFITTED: before, CURVATURE: curvature}
+    return {name: figures_of(values, failed) for name, values in scores_by_name.items()}
 
 
 def _cross_validate(

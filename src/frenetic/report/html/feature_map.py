@@ -36,8 +36,8 @@ def cells_of(
     """Cut the range of a feature into cells of round numbers, and put tests into them.
 
     Returns:
-        (n + 1,) edges of the cells, ascending; and (tests,) the cell of each test, from 0. The
-        edges are those of the published range if nothing is measured.
+        (n + 1,) edges of the cells, ascending; and (tests,) the cell of each test, from 0. If
+        nothing is measured, the edges divide the published range.
     """
     factor = 3.6 if feature.unit == "m/s" else 1.0
     values = factor * np.array([features[feature.name] for features in measured], dtype=np.float64)
