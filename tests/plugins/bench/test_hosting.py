@@ -184,7 +184,7 @@ def run(
 def test_a_fifth_of_the_budget_is_exactly_that(tmp_path: Path) -> None:
     bench = Bench(budget=7200.0)
     done = run("many:Phases", tmp_path, bench=bench)
-    assert done.end["how"] == "over"
+    assert done.end["end"] == "over"
     assert (tmp_path / "first_phase.txt").read_text(encoding="utf-8") == "40"
     assert (bench.executed, bench.refused) == (200, 1)
 
@@ -195,7 +195,7 @@ def test_a_fifth_of_the_budget_is_exactly_that(tmp_path: Path) -> None:
 def test_a_generator_may_have_the_name_of_ours(spec: str, tmp_path: Path) -> None:
     bench = Bench()
     done = run(spec, tmp_path, bench=bench, path=str(GENERATORS / "own_frenetic"))
-    assert done.end["how"] == "over", done.end
+    assert done.end["end"] == "over", done.end
     assert bench.executed == 10
 
 
@@ -218,13 +218,13 @@ def test_a_folder_with_the_generator_may_have_the_name_of_ours(tmp_path: Path) -
     )
     spec = "frenetic.generators.straight:Straight"
     done = run(spec, tmp_path, path=str(tmp_path / "tool"))
-    assert done.end["how"] == "returned", done.end
+    assert done.end["end"] == "returned", done.end
 
 
 def test_processes_that_a_generator_spawns_know_the_pipeline(tmp_path: Path) -> None:
     bench = Bench()
     done = run("parallel:Parallel", tmp_path, bench=bench)
-    assert done.end["how"] == "returned", done.end
+    assert done.end["end"] == "returned", done.end
     assert bench.executed == 2
 
 
@@ -236,7 +236,7 @@ CLONE = GENERATORS / "clone"
 def test_a_generator_runs_in_its_own_pipeline(tmp_path: Path) -> None:
     places: Message = {"path": str(CLONE / "tool"), "pipeline": str(CLONE)}
     done = run("winding:Winding", tmp_path, bench=Bench(all_pass=True), **places)
-    assert done.end["how"] == "over", done.end
+    assert done.end["end"] == "over", done.end
     seen = done.seen()
     assert seen["outcomes"] == ["PASS"] * 10
     assert seen["generation"] == {"time-budget": 0.0}
@@ -297,7 +297,7 @@ def test_whole_tests_use_up_a_budget(tmp_path: Path) -> None:
     (tmp_path / "spending.py").write_text(SPENDING, encoding="utf-8")
     bench = Bench(budget=0.9, seconds_per_test=0.3)  # which is not three times that in floats
     done = run("spending:Spending", tmp_path, bench=bench, path=str(tmp_path))
-    assert done.end["how"] == "over", (done.end, done.log)
+    assert done.end["end"] == "over", (done.end, done.log)
     assert (bench.executed, bench.refused) == (3, 1)
     assert (tmp_path / "done").is_file()
 
@@ -328,7 +328,7 @@ def test_a_generator_that_cannot_be_started_says_why(
     (tmp_path / "mine.py").write_text(source, encoding="utf-8")
     done = run(spec.replace("{path}", str(tmp_path)), tmp_path, path=str(tmp_path))
     assert [message["kind"] for message in done.messages] == ["end"]
-    assert done.end["how"] == "crashed"
+    assert done.end["end"] == "crashed"
     assert says.replace("{path}", str(tmp_path)) in done.end["detail"]
     assert "\n" not in done.end["detail"]
 
@@ -361,7 +361,7 @@ def test_nothing_that_a_generator_prints_disturbs_the_bench(tmp_path: Path) -> N
     (tmp_path / "host.py").write_text("HERS = True", encoding="utf-8")
     done = run("meddler:Meddler", tmp_path, path=None)
     assert [message["kind"] for message in done.messages] == ["ready", "end"]
-    assert done.end["how"] == "returned", done.end
+    assert done.end["end"] == "returned", done.end
     for text in (
         "at import",
         "half a line",
@@ -450,7 +450,7 @@ def sparsely() -> Sequence[str | Path]:
 def test_numpy_suffices(tmp_path: Path) -> None:
     bench, other = Bench(), Bench()
     done = run("random_roads:RandomRoads", tmp_path, bench=bench, command=sparsely())
-    assert done.end["how"] == "over", done.end
+    assert done.end["end"] == "over", done.end
     (tmp_path / "full").mkdir()
     run("random_roads:RandomRoads", tmp_path / "full", bench=other)
     assert bench.roads == other.roads
