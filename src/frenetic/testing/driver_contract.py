@@ -24,7 +24,7 @@ class DriverContract:
     """
 
     def make(self) -> Driver:
-        """A fresh driver."""
+        """Return a fresh driver; to be overridden."""
         raise NotImplementedError
 
     def test_is_a_driver(self) -> None:

@@ -16,7 +16,7 @@ from frenetic.simulators.simulator import Ready
 
 
 def no_drift(road: Road) -> float:  # noqa: ARG001
-    """0 m on every road."""
+    """Return 0 m for every road."""
     return 0.0
 
 
@@ -47,7 +47,7 @@ class DummySimulator(Ready):
         self.speed = speed
 
     def drive(self, road: Road, driver: Driver) -> Drive:
-        """One drive at 20 Hz from the road's start to its end."""
+        """Return a drive at 20 Hz from the road's start to its end."""
         period = 0.05
         driver.reset(
             DriveSetup(
@@ -98,7 +98,7 @@ class DummyDriver:
         """Forgets nothing."""
 
     def act(self, observation: Observation) -> Controls:  # noqa: ARG002
-        """The same controls."""
+        """Return the same controls."""
         return self.controls
 
 
@@ -109,15 +109,15 @@ def converse(
     *,
     outstanding: int = 1,
 ) -> list[Evaluation]:
-    """Asks and tells a strategy with a scripted verdict; returns the evaluations in order.
+    """Ask and tell a strategy with a scripted verdict; return the evaluations in order.
 
     Args:
-        strategy: the one that is asked and told.
+        strategy: the strategy that is asked and told.
         verdict: outcome and MOOBD (None unless PASS or FAIL) of a candidate.
         budget: tests to run, each of which spends an equal share of the budget unless INVALID.
         outstanding: candidates asked before the first of them is told.
     """
-    told: list[Evaluation] = []
+    evaluations: list[Evaluation] = []
     waiting: list[Candidate] = []
     spent = 0
     while spent < budget:
@@ -128,5 +128,5 @@ def converse(
         spent += outcome is not Outcome.INVALID
         evaluation = Evaluation(candidate, outcome, moobd, spent / budget)
         strategy.tell(evaluation)
-        told.append(evaluation)
-    return told
+        evaluations.append(evaluation)
+    return evaluations

@@ -1,4 +1,4 @@
-"""A first driver of one's own, written as files to edit."""
+"""A first driver and its test, written as files to edit."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _CLASS: Final = "MyDriver"
 
 
 def write_driver(path: Path) -> tuple[Path, Path, str]:
-    """Writes a driver that is ready to edit, and its test beside it.
+    """Write a driver that is ready to edit, and its test beside it.
 
     Args:
         path: a new file of a name that Python can import, such as ``my_driver.py``.

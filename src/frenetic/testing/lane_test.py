@@ -48,12 +48,12 @@ FOLDER: Final = "failing-roads"
 _FAILURES: Final = 20
 """Failures that end a search."""
 _CAUSES: Final = 3
-"""Most causes that are told, and minimised."""
+"""Most causes that a failure message names, each with a minimised road."""
 _MINIMISING: Final = 100
-"""Most drives to minimise the road of each."""
+"""Most drives to minimise the road of each cause."""
 _REMEDY: Final = "let pytest write there"
 
-_MOST_STEM: Final = 60  # characters of a module's and of a test's name in that of a file
+_MOST_STEM: Final = 60  # characters of a module's, and of a test's, name in a road file's name
 _PLAIN: Final = re.compile(rf"[a-z0-9_]{{1,{_MOST_STEM}}}-[a-z0-9_]{{1,{_MOST_STEM}}}")
 """What a file's name says of a test without loss on any system."""
 _UNSAFE: Final = re.compile(r"[^A-Za-z0-9_.]+")
@@ -66,7 +66,7 @@ class DriverFailedError(AssertionError):
 
 
 SHOWN: Final = (DriverFailedError, FreneticError)
-"""What the plug-in shows without a traceback."""
+"""Errors that the plug-in shows without a traceback."""
 
 
 def keeps_lane(
@@ -101,7 +101,7 @@ def keeps_lane(
         seed: of the search.
         simulator: its name with options, as for ``--simulator``.
         conditions: amounts of quantities of the driver, as for ``--with``.
-        speed_limit: km/h; by default that of the roads.
+        speed_limit: km/h; by default the roads' limit.
         oob_tolerance: share of the car that may be out; 0.95 by default.
 
     Raises:
@@ -114,9 +114,9 @@ def keeps_lane(
     require_count("simulations", simulations)
     if not seconds > 0.0:
         raise ValueError(f"seconds is {seconds}: a positive number is needed")
-    given = {"roads": roads, "criteria": criteria, "conditions": conditions}
+    classes = {"roads": roads, "criteria": criteria, "conditions": conditions}
     values: dict[str, Any] = {
-        **{name: dict(v) if isinstance(v, Mapping) else v for name, v in given.items()},
+        **{name: dict(v) if isinstance(v, Mapping) else v for name, v in classes.items()},
         "simulator": simulator,
         "speed_limit": speed_limit,
         "oob_tolerance": oob_tolerance,
@@ -203,10 +203,10 @@ class _Check:
     name: str
     """Id of the test."""
     stem: str
-    """Beginning of the names of its roads' files, see `memory_stem`."""
+    """Beginning of the names of the test's road files, from `memory_stem`."""
 
     def failure(self) -> str:
-        """What failed, in lines; empty if nothing did.
+        """Return the failures as text; empty if nothing failed.
 
         Raises:
             FreneticError: the simulator broke, or a remembered road's file is damaged.
@@ -220,7 +220,7 @@ class _Check:
             return self._search(tester)
 
     def _again(self, tester: RoadTester) -> Iterator[list[str]]:
-        """The remembered roads that fail."""
+        """Drive the remembered roads and yield those that fail, in lines."""
         terms = tester.terms
         paths = sorted(self.folder.glob(f"{self.stem}-????????.json"))
         for path in paths:
@@ -238,7 +238,7 @@ class _Check:
                 yield _lines(_cause(road, drive, result), result, road, path)
 
     def _search(self, tester: RoadTester) -> str:
-        """Looks for a failure."""
+        """Search for failures and return them as text; empty if none."""
         strategy = self.spec.make_strategy()
         budget = self.spec.budget
         assert budget is not None
@@ -273,13 +273,13 @@ class _Check:
                     )
                 return ""
             with CampaignStore.open(folder) as store:
-                found = list(self._remembered(store, tester))
+                failing = list(self._remembered(store, tester))
             failures = counted(summary.failures, "failure")
             title = f"{failures} in {counted(summary.simulations, 'simulation')}"
-            return self._text(title, found, summary.not_repeatable)
+            return self._text(title, failing, summary.not_repeatable)
 
     def _remembered(self, store: CampaignStore, tester: RoadTester) -> Iterator[list[str]]:
-        """A failure of each of the most frequent causes, shortened and written."""
+        """Yield a failure of each of the most frequent causes, shortened and written."""
         from frenetic.report.results import Findings  # imports slowly
 
         clusters = Findings.of(store).clusters
@@ -294,12 +294,12 @@ class _Check:
             elif answer is not None:
                 note = f"it was not shortened: {answer}"
             words = f"{cause.words} ({cause.failures} of {clusters.failures})"
-            yield self._kept(smallest, words, note, test.road.length)
+            yield self._remember(smallest, words, note, test.road.length)
 
-    def _kept(self, test: Test, words: str, note: str, length: float) -> list[str]:
-        """Remembers the road of a test."""
+    def _remember(self, test: Test, words: str, note: str, length: float) -> list[str]:
+        """Write the road of a test beside the test, and return its failure in lines."""
         road, result = test.road, test.result
-        told = {
+        origin = {
             "test": self.name,
             "cause": words.partition(" (")[0],
             "reason": result.reason,
@@ -307,7 +307,7 @@ class _Check:
             "criteria": self.spec.rules.criteria.name,
         }
         entries = {name: value for name, value in entries_of(road).items() if name != "pose"}
-        lines = [f"  {json.dumps(k)}: {json.dumps(v)}" for k, v in (told | entries).items()]
+        lines = [f"  {json.dumps(k)}: {json.dumps(v)}" for k, v in (origin | entries).items()]
         text = "{\n" + ",\n".join(lines) + "\n}\n"
         path = self.folder / f"{self.stem}-{_digest(json.dumps(entries))}.json"
         write_file(path, text, remedy=_REMEDY, parents=True)
@@ -326,11 +326,11 @@ class _Check:
         if len(drive.trajectory):
             draw_drive(road, drive, path.with_suffix(".png"), title=path.stem)
 
-    def _text(self, title: str, found: list[list[str]], note: str = "") -> str:
+    def _text(self, title: str, failures: list[list[str]], note: str = "") -> str:
         spec = self.spec
         roads = COMPETITION if spec.road_class is None else spec.road_class.as_text()
         lines = [f"{title}; roads: {roads}; criteria: {spec.rules.criteria.name}"]
-        for failure in found:
+        for failure in failures:
             lines += ["", *failure]
         if note:
             lines += ["", f"Note: {note}"]
@@ -342,17 +342,17 @@ class _Check:
 
 
 def _lines(cause: str, result: Result, road: Road, path: Path, note: str = "") -> list[str]:
-    """A failure, for the message."""
-    how = f", {note}" if note else ""
+    """Return a failure in lines, for the message."""
+    remark = f", {note}" if note else ""
     lines = [f"The driver {cause}", f"  {result.reason}"]
-    lines.append(f"  road      {_shown(path)}, {road.length:.0f} m{how}")
+    lines.append(f"  road      {_shown(path)}, {road.length:.0f} m{remark}")
     if (picture := path.with_suffix(".png")).exists():
         lines.append(f"  picture   {_shown(picture)}")
     return lines
 
 
 def _cause(road: Road, drive: Drive, result: Result) -> str:
-    """What the driver does wrong in a drive, in words."""
+    """Return what the driver does wrong in a drive, in words."""
     if result.fault is not None:
         return str(result.fault)
     return as_text(*cause_of(segment_of(road, drive, result.finding)))
@@ -363,7 +363,7 @@ def _digest(text: str, length: int = 8) -> str:
 
 
 def _shown(path: Path) -> str:
-    """A path from the current folder, if it lies within."""
+    """Return a path relative to the current folder, if it lies within."""
     try:
         return str(path.resolve().relative_to(Path.cwd()))
     except ValueError:

@@ -13,7 +13,7 @@ _NAME: Final = "frenetic"
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """Registers the mark."""
+    """Register the mark."""
     config.addinivalue_line(
         "markers", "keeps_lane: a driver's test that searches for failing roads, by Frenetic"
     )
@@ -21,34 +21,38 @@ def pytest_configure(config: pytest.Config) -> None:
 
 @pytest.hookimpl(wrapper=True)
 def pytest_runtest_call(item: pytest.Item) -> Generator[None, object, object]:
-    """Keeps what a test has to say in its report, which comes from any process."""
+    """Move a test's notices to its report, which reaches the main process from any worker."""
     try:
         return (yield)
     finally:
         # Imported only by those who use it.
-        if keeping := sys.modules.get("frenetic.testing.lane_test"):
-            item.user_properties += [(_NAME, text) for text in keeping.NOTICES]
-            keeping.NOTICES.clear()
+        if lane_test := sys.modules.get("frenetic.testing.lane_test"):
+            item.user_properties += [(_NAME, text) for text in lane_test.NOTICES]
+            lane_test.NOTICES.clear()
 
 
 @pytest.hookimpl(wrapper=True)
 def pytest_runtest_makereport(
     item: pytest.Item, call: pytest.CallInfo[None]
 ) -> Generator[None, pytest.TestReport, pytest.TestReport]:
-    """Shows the message of a failure that Frenetic raised alone, without Python's traceback."""
+    """Show only the message of a failure that Frenetic raised, without Python's traceback."""
     report = yield
-    keeping = sys.modules.get("frenetic.testing.lane_test")
-    if keeping and call.when == "call" and item.get_closest_marker("keeps_lane") and call.excinfo:
+    lane_test = sys.modules.get("frenetic.testing.lane_test")
+    if lane_test and call.when == "call" and item.get_closest_marker("keeps_lane") and call.excinfo:
         error = call.excinfo.value
-        if isinstance(error, keeping.SHOWN):
+        if isinstance(error, lane_test.SHOWN):
             report.longrepr = str(error)
     return report
 
 
 def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
-    """Shows the notices."""
-    reports = [one for group in terminalreporter.stats.values() for one in group]
-    properties = [found for one in reports for found in getattr(one, "user_properties", ())]
+    """Show the notices."""
+    reports = [report for reports in terminalreporter.stats.values() for report in reports]
+    properties = [
+        user_property
+        for report in reports
+        for user_property in getattr(report, "user_properties", ())
+    ]
     texts = dict.fromkeys(str(text) for name, text in properties if name == _NAME)
     if texts:
         terminalreporter.section(_NAME)

@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import replace
-from typing import TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -13,7 +11,7 @@ import pytest
 
 from frenetic._support.arrays import FloatArray
 from frenetic.drivers import Driver, DriveSetup, Observation, Stanley
-from frenetic.drivers.driver import AHEAD_POINTS, AHEAD_SPACING, Controls
+from frenetic.drivers.driver import AHEAD_POINTS, AHEAD_SPACING
 from frenetic.oracle.drive import CarBody, Drive, Rules
 from frenetic.oracle.outcome import Outcome
 from frenetic.oracle.verdict import LEFT_LANE, REACHED, RUNNING, STUCK, TIMED_OUT, assess, judge
@@ -23,11 +21,11 @@ from frenetic.simulators.capabilities import capabilities
 from frenetic.simulators.observer import Observer, wrap
 from frenetic.simulators.simulator import Simulator
 from frenetic.testing.dummies import DummyDriver
+from frenetic.testing.watch import ERROR_TEXT, Watch, breaking, circling, weaving
 
 RECORD_RATE = 10.0
 """Least rate of a drive's records, in Hz."""
 
-BROKEN = "no idea where I am"
 _ENDS = {
     RUNNING: "stopped before a rule ended it",
     REACHED: "reached the road's end",
@@ -82,11 +80,11 @@ class SimulatorContract:
     _woven: tuple[Watch, Drive]
 
     def make(self, rules: Rules) -> Simulator:
-        """A simulator with the given rules."""
+        """Return a simulator with the given rules; to be overridden."""
         raise NotImplementedError
 
     def driver(self) -> Driver:
-        """A driver that can follow a gentle road."""
+        """Return a driver that can follow a gentle road."""
         return Stanley()
 
     @pytest.fixture
@@ -95,7 +93,7 @@ class SimulatorContract:
         return gentle_road()
 
     def drive(self, road: Road, rules: Rules | None = None, driver: Driver | None = None) -> Drive:
-        """One drive in a fresh simulator, without trouble."""
+        """Drive a road in a fresh simulator; a drive with trouble fails the test."""
         with self.make(rules or Rules()) as simulator:
             drive = self.drive_in(simulator, road, driver or self.driver())
         assert drive.trouble is None, drive.trouble
@@ -103,13 +101,13 @@ class SimulatorContract:
         return drive
 
     def usual_drive(self, road: Road) -> Drive:
-        """The drive that several tests look at; a simulator may take its time for each."""
+        """Return the drive that several tests share, since a drive may take long."""
         if "_usual" not in vars(type(self)):
             type(self)._usual = self.drive(road)
         return self._usual
 
     def drive_in(self, simulator: Simulator, road: Road, driver: Driver) -> Drive:
-        """One drive."""
+        """Drive a road in a simulator, within `wall_limit`."""
         try:
             with wall_limit(self.wall_limit):
                 return simulator.drive(road, driver)
@@ -171,7 +169,7 @@ class SimulatorContract:
         assert np.all(np.abs(np.diff(t.heading)) < 1.0), "headings have to be unwrapped"
 
     def test_heading_changes_as_the_yaw_rate_says(self, road: Road) -> None:
-        """The yaw rate is that of the heading."""
+        """The yaw rate is the rate at which the heading changes."""
         t = self.usual_drive(road).trajectory
         turning = np.gradient(t.heading, t.time)
         wrong = np.abs(t.yaw_rate - turning).max()
@@ -212,7 +210,7 @@ class SimulatorContract:
             if self.asks_driver:
                 assert broken.trouble is not None, "a driver raised, but the drive has no trouble"
                 text = broken.trouble.reason
-                assert BROKEN in text, f"the trouble does not say why: {text}"
+                assert ERROR_TEXT in text, f"the trouble does not say why: {text}"
                 fault = judge(road, broken).fault
                 assert fault is not None, "the drive does not say whose fault its trouble is"
                 assert fault.part == "driver", f"the trouble is blamed on the {fault.part}"
@@ -241,10 +239,10 @@ class SimulatorContract:
                 drive = self.drive_in(simulator, driven, watch)
                 assert drive.trouble is None, drive.trouble
                 setup = watch.setups[-1]
-                _assert_told(setup, "lane_width", lane_width)
-                _assert_told(setup, "speed_limit", speed_limit / 3.6)
-                _assert_told(setup, "car_length", simulator.car.length)
-                _assert_told(setup, "car_width", simulator.car.width)
+                _assert_setup(setup, "lane_width", lane_width)
+                _assert_setup(setup, "speed_limit", speed_limit / 3.6)
+                _assert_setup(setup, "car_length", simulator.car.length)
+                _assert_setup(setup, "car_width", simulator.car.width)
             assert len(watch.setups) == 3, "the driver has to be reset once before each drive"
         assert 0.0 < setup.period <= 1.0 / RECORD_RATE + 1e-9, f"period is {setup.period} s"
         assert setup.front_axle > 0.0, f"front_axle is {setup.front_axle} m"
@@ -259,22 +257,23 @@ class SimulatorContract:
         """The driver's observations agree with the recorded car's place and motion."""
         watch, drive = self._weave(road)
         t, period = drive.trajectory, watch.setups[-1].period
-        asked = np.array([observation.time for observation in watch.seen])
+        asked = np.array([observation.time for observation in watch.observations])
         assert abs(asked[0]) <= self.latency, f"the driver is asked first at {asked[0]:.2f} s"
         warm = round(self.latency / period)  # until then sensors that are late have nothing new
         assert np.allclose(np.diff(asked)[warm:], period, atol=1e-3), (
             f"the driver is not asked every {period:g} s, as setup.period says"
         )
         expected = _observations(road, drive)
-        for seen in watch.seen:
-            near = self._near(t.time, seen.time)
-            assert len(near), f"the driver is asked at {seen.time:.2f} s, where nothing is recorded"
+        for observation in watch.observations:
+            at = observation.time
+            near = self._near(t.time, at)
+            assert len(near), f"the driver is asked at {at:.2f} s, where nothing is recorded"
             for name, slack in _SLACKS.items():
-                value = np.asarray(getattr(seen, name))
+                value = np.asarray(getattr(observation, name))
                 wanted = np.array([getattr(expected[i], name) for i in near])
                 assert value.shape == wanted.shape[1:], f"{name} has shape {value.shape}"
                 assert _lies_among(value, wanted, slack), (
-                    f"at {seen.time:.2f} s the driver sees {name} = {_shown(value)}, but by the"
+                    f"at {at:.2f} s the driver sees {name} = {_shown(value)}, but by the"
                     f" record it is {_shown(wanted[len(near) // 2])}"
                 )
 
@@ -282,24 +281,24 @@ class SimulatorContract:
         """steering_input, throttle and brake are the driver's answers."""
         watch, drive = self._weave(road)
         most = watch.setups[-1].max_steering
-        times = np.array([observation.time for observation in watch.seen])
+        times = np.array([observation.time for observation in watch.observations])
         t = drive.trajectory
-        for name, recorded, given in (
+        for name, recorded, answered in (
             (
                 "steering_input",
                 np.clip(t.steering_input, -most, most),
-                np.clip([controls.steering for controls in watch.given], -most, most),
+                np.clip([controls.steering for controls in watch.answers], -most, most),
             ),
-            ("throttle", t.throttle, np.array([controls.throttle for controls in watch.given])),
-            ("brake", t.brake, np.array([controls.brake for controls in watch.given])),
+            ("throttle", t.throttle, np.array([controls.throttle for controls in watch.answers])),
+            ("brake", t.brake, np.array([controls.brake for controls in watch.answers])),
         ):
             # The last record may come after the last answer.
             for at, value in zip(t.time[:-1], recorded[:-1], strict=True):
                 near = self._near(times, at)
                 if len(near):
-                    assert _lies_among(value, given[near], 0.01), (
+                    assert _lies_among(value, answered[near], 0.01), (
                         f"at {at:.2f} s {name} = {value:.3f} is recorded, but the driver answered"
-                        f" {given[near[len(near) // 2]]:.3f}"
+                        f" {answered[near[len(near) // 2]]:.3f}"
                     )
 
     def test_controls_beyond_the_limits_are_cut(self, road: Road) -> None:
@@ -322,9 +321,9 @@ class SimulatorContract:
         t = self.drive(road, driver=watch).trajectory
         turns = next(
             (
-                seen.time
-                for seen, done in zip(watch.seen, watch.given, strict=True)
-                if done.steering
+                observation.time
+                for observation, controls in zip(watch.observations, watch.answers, strict=True)
+                if controls.steering
             ),
             np.inf,
         )
@@ -385,133 +384,79 @@ class SimulatorContract:
             pytest.skip("this simulator never asks the driver")
 
     def _weave(self, road: Road) -> tuple[Watch, Drive]:
-        """A drive in which everything that a driver sees and does changes."""
+        """Return a drive in which all observations and controls change, and its watch."""
         self._needs_driver()
         if "_woven" not in vars(type(self)):
             watch = Watch(Stanley(), weaving)
             type(self)._woven = watch, self.drive(road, driver=watch)
         watch, drive = self._woven
-        assert len(watch.seen) > 20, f"the driver was asked only {len(watch.seen)} times"
+        count = len(watch.observations)
+        assert count > 20, f"the driver was asked only {count} times"
         return watch, drive
 
     def _near(self, times: FloatArray, time: float) -> npt.NDArray[np.intp]:
-        """Indices of the times that lie within the latency of a time."""
+        """Return the indices of the times that lie within the latency of a time."""
         return np.flatnonzero(np.abs(times - time) <= self.latency + 1e-6)
 
     def _assert_ends(self, road: Road, drive: Drive, end: int) -> None:
-        seen = assess(road, drive)
-        assert seen.end == end, f"the drive {_ENDS[seen.end]}; a drive that {_ENDS[end]} was due"
+        assessment = assess(road, drive)
+        assert assessment.end == end, (
+            f"the drive {_ENDS[assessment.end]}; a drive that {_ENDS[end]} was due"
+        )
         time = drive.trajectory.time
-        late = time[-1] - time[len(seen.distance) - 1]
+        late = time[-1] - time[len(assessment.distance) - 1]
         assert late <= self.ends_within, (
             f"the drive is recorded for another {late:.1f} s after the car {_ENDS[end]}"
         )
 
-    def _assert_alike(self, first: Drive, again: Drive) -> None:
-        one, other = first.trajectory, again.trajectory
+    def _assert_alike(self, drive: Drive, repeated_drive: Drive) -> None:
+        first, repeat = drive.trajectory, repeated_drive.trajectory
         if self.repeats_within == 0.0:
-            assert np.array_equal(one.to_rows(), other.to_rows()), (
+            assert np.array_equal(first.to_rows(), repeat.to_rows()), (
                 "the same road and driver did not give the same drive bit for bit"
             )
             return
-        n = min(len(one), len(other))
-        apart = np.hypot(one.x[:n] - other.x[:n], one.y[:n] - other.y[:n]).max()
+        n = min(len(first), len(repeat))
+        apart = np.hypot(first.x[:n] - repeat.x[:n], first.y[:n] - repeat.y[:n]).max()
         assert apart <= self.repeats_within, (
             f"two drives of the same road and driver are {apart:.2f} m apart"
         )
-        assert abs(one.time[-1] - other.time[-1]) <= 1.0, (
+        assert abs(first.time[-1] - repeat.time[-1]) <= 1.0, (
             "two drives of the same road and driver do not end at the same time"
         )
 
 
 def gentle_road() -> Road:
-    """A gentle road of 100 m somewhere on the map."""
+    """Return a gentle road of 100 m somewhere on the map."""
     values = np.array([0.0, 0.0, 0.01, 0.02, 0.01, 0.0, -0.01, -0.02, -0.01, 0.0, 0.0])
     return Road(values, pose=Pose(80.0, 50.0, 1.0))
 
 
-def _assert_told(setup: DriveSetup, name: str, expected: float) -> None:
-    told = getattr(setup, name)
-    assert abs(told - expected) <= 0.05, (
-        f"the driver is told {name} = {told:.2f}, but it is {expected:.2f}"
+def _assert_setup(setup: DriveSetup, name: str, expected: float) -> None:
+    value = getattr(setup, name)
+    assert abs(value - expected) <= 0.05, (
+        f"the driver is told {name} = {value:.2f}, but it is {expected:.2f}"
     )
 
 
 def _observations(road: Road, drive: Drive) -> list[Observation]:
-    """The right observation at each record."""
+    """Return the right observation at each record."""
     t = drive.trajectory
     observer = Observer(road, drive.rules, drive.car, len(t))
-    seen = []
+    observations = []
     for i in range(len(t)):
         observer.see(t.time[i], t.x[i], t.y[i], t.heading[i])
         motion = t.speed[i], t.yaw_rate[i], t.steering[i]
-        seen.append(observer.observation(*motion, lateral_speed=t.lateral_speed[i]))
-    return seen
+        observations.append(observer.observation(*motion, lateral_speed=t.lateral_speed[i]))
+    return observations
 
 
 def _lies_among(value: npt.ArrayLike, values: FloatArray, slack: float | FloatArray) -> bool:
-    """Whether ``value`` lies within the range of ``values``, up to the slack."""
+    """Return whether ``value`` lies within the range of ``values``, up to the slack."""
     low, high = values.min(axis=0) - slack, values.max(axis=0) + slack
     return bool(np.all((value >= low) & (value <= high)))
 
 
 def _shown(value: FloatArray) -> str:
-    """A number, or the beginning of an array."""
+    """Return the text of a number, or of the beginning of an array."""
     return np.array2string(value.ravel()[:4], precision=3)
-
-
-# Drivers that record how a simulator treats them
-
-Change: TypeAlias = Callable[[list[Observation], Controls], Controls]
-"""What becomes of a driver's controls, given all that it saw in this drive."""
-
-
-class Watch:
-    """Drives as another driver does, and keeps its setups, observations and answers.
-
-    Args:
-        driver: the other driver.
-        change: of its answers.
-    """
-
-    def __init__(self, driver: Driver, change: Change = lambda _, controls: controls) -> None:
-        self.driver = driver
-        self.change = change
-        self.setups: list[DriveSetup] = []
-        """Its setups, drive by drive."""
-        self.seen: list[Observation] = []
-        """Its observations in the last drive."""
-        self.given: list[Controls] = []
-        """Its answers in the last drive."""
-
-    def reset(self, setup: DriveSetup) -> None:
-        """Another drive."""
-        self.setups.append(setup)
-        self.seen, self.given = [], []
-        self.driver.reset(setup)
-
-    def act(self, observation: Observation) -> Controls:
-        """The other driver's controls, changed."""
-        self.seen.append(observation)
-        self.given.append(self.change(self.seen, self.driver.act(observation)))
-        return self.given[-1]
-
-
-def weaving(seen: list[Observation], controls: Controls) -> Controls:
-    """Steers a little to either side in turn and brakes for a while, so that everything changes."""
-    time = seen[-1].time
-    controls = replace(controls, steering=controls.steering + 0.03 * math.sin(math.pi * time))
-    return replace(controls, throttle=0.0, brake=0.3) if 2.5 <= time < 3.5 else controls
-
-
-def circling(seen: list[Observation], _: Controls) -> Controls:
-    """Straight ahead, slowly, then to the left by a steady angle at 3 m/s."""
-    speed, turns = seen[-1].speed, any(one.speed >= 2.5 for one in seen)
-    return Controls(0.15 if turns else 0.0, 0.3 if speed < 3.0 else 0.0, 0.2 * (speed > 3.5))
-
-
-def breaking(seen: list[Observation], controls: Controls) -> Controls:
-    """Raises in the middle of the drive."""
-    if len(seen) > 5:
-        raise RuntimeError(BROKEN)
-    return controls

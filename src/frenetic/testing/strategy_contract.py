@@ -129,25 +129,25 @@ class StrategyContract:
             if step.asked is not None:
                 _assert_same_road(step.asked, _ask(resumed))
                 waiting[step.asked.id] = step.asked
-            if step.told is not None:
+            if step.evaluation is not None:
                 # A log gives equal values, but other objects.
-                candidate = _copy(waiting.pop(step.told.candidate.id))
-                resumed.tell(replace(step.told, candidate=candidate))
+                candidate = _copy(waiting.pop(step.evaluation.candidate.id))
+                resumed.tell(replace(step.evaluation, candidate=candidate))
             for candidate in waiting.values():
                 assert strategy.is_wanted(candidate) == resumed.is_wanted(_copy(candidate))
 
         for _ in range(30):
-            one, other = _ask(strategy), _ask(resumed)
-            if one is None or other is None:
-                assert one is other
+            proposed, counterpart = _ask(strategy), _ask(resumed)
+            if proposed is None or counterpart is None:
+                assert proposed is counterpart
                 break
-            _assert_is_road(one)
-            _assert_same_road(one, other)
-            strategy.tell(_made_up(one, 1.0))
-            resumed.tell(_made_up(other, 1.0))
+            _assert_is_road(proposed)
+            _assert_same_road(proposed, counterpart)
+            strategy.tell(_made_up(proposed, 1.0))
+            resumed.tell(_made_up(counterpart, 1.0))
 
     def test_candidates_are_told_in_any_order(self) -> None:
-        """The one asked last may be told first."""
+        """The candidate asked last may be told first."""
         strategy = self.make(1)
         asked = _ask_many(strategy, 40)
 
@@ -202,12 +202,13 @@ class StrategyContract:
         with pytest.raises(ValueError):
             strategy.tell(Evaluation(replace(candidate, id=unknown_id), Outcome.FAIL, -2.0, 0.9))
 
-        for one, other in zip(_ask_many(strategy, 20), _ask_many(untroubled, 20), strict=True):
-            _assert_same_road(one, other)
+        candidates, counterparts = _ask_many(strategy, 20), _ask_many(untroubled, 20)
+        for candidate, counterpart in zip(candidates, counterparts, strict=True):
+            _assert_same_road(candidate, counterpart)
 
     def test_interest_is_lost_once_and_asking_for_it_changes_nothing(self) -> None:
         """A strategy wants what it proposes; what it does not want any more may be gone."""
-        asked_often: list[_Step] = []
+        asked_often: list[_AskOrTell] = []
         waiting: dict[int, Candidate] = {}
         unwanted: set[int] = set()
         strategy = self.make(5)
@@ -216,8 +217,8 @@ class StrategyContract:
             if step.asked is not None:
                 assert strategy.is_wanted(step.asked)
                 waiting[step.asked.id] = step.asked
-            if step.told is not None:
-                del waiting[step.told.candidate.id]
+            if step.evaluation is not None:
+                del waiting[step.evaluation.candidate.id]
             for _ in range(2):
                 lost = {number for number in waiting if not strategy.is_wanted(waiting[number])}
                 assert unwanted & waiting.keys() <= lost
@@ -227,8 +228,12 @@ class StrategyContract:
 
     def test_a_warm_start_follows_from_what_it_is_told(self) -> None:
         """The same earlier results give the same candidates; their ids count from one."""
-        drives = [step.told for step in _campaign(self.make(3)) if step.told is not None]
-        earlier = [told for told in drives if told.outcome.is_driven]
+        evaluations = [step.evaluation for step in _campaign(self.make(3))]
+        earlier = [
+            evaluation
+            for evaluation in evaluations
+            if evaluation is not None and evaluation.outcome.is_driven
+        ]
         strategies = [self.make(5), self.make(5)]
         for strategy in strategies:
             if has_own(strategy, "start_from"):
@@ -251,20 +256,20 @@ class StrategyContract:
         for curvatures, values in taken:
             assert not curvatures.flags.writeable
             np.testing.assert_array_equal(curvatures, values)
-        for (one, _), (other, _) in itertools.combinations(taken, 2):
-            assert not np.may_share_memory(one, other)
+        for (curvatures, _), (others, _) in itertools.combinations(taken, 2):
+            assert not np.may_share_memory(curvatures, others)
 
 
 @dataclass(frozen=True)
-class _Step:
-    """One step of a campaign: exactly one of the two is not None."""
+class _AskOrTell:
+    """A step of a campaign: either a candidate is asked or its evaluation is told."""
 
     asked: Candidate | None = None
-    told: Evaluation | None = None
+    evaluation: Evaluation | None = None
 
 
 def _ask(strategy: Strategy) -> Candidate | None:
-    """The next candidate; None if the strategy has to be told first, or has ended."""
+    """Return the next candidate; None if the strategy waits for results, or has ended."""
     try:
         return strategy.ask()
     except SearchEnded:
@@ -272,13 +277,13 @@ def _ask(strategy: Strategy) -> Candidate | None:
 
 
 def _ask_many(strategy: Strategy, most: int) -> list[Candidate]:
-    """The next candidates, without telling anything."""
+    """Return the next candidates, without telling anything."""
     return list(itertools.islice(iter(lambda: _ask(strategy), None), most))
 
 
 def _campaign(
     strategy: Strategy, *, outstanding: int = 7, dropping: bool = False
-) -> Iterator[_Step]:
+) -> Iterator[_AskOrTell]:
     """Ask `_TESTS` candidates and tell made-up results, in a random but fixed order.
 
     With `dropping`, candidates that are unwanted when their turn comes are dropped, and some
@@ -286,30 +291,30 @@ def _campaign(
     """
     rng = np.random.default_rng(20210501)
     waiting: list[Candidate] = []
-    asked = told = 0
-    while told < _TESTS:
-        room = asked < _TESTS and len(waiting) < outstanding
+    ask_count = tell_count = 0
+    while tell_count < _TESTS:
+        room = ask_count < _TESTS and len(waiting) < outstanding
         proposed = _ask(strategy) if room else None
         if proposed is not None:
             waiting.append(proposed)
-            asked += 1
-            yield _Step(asked=proposed)
+            ask_count += 1
+            yield _AskOrTell(asked=proposed)
         elif not waiting:
             return  # a finite strategy has ended
         else:
-            told += 1
+            tell_count += 1
             candidate = waiting.pop(int(rng.integers(len(waiting))))
-            evaluation = _made_up(candidate, told / _TESTS)
+            evaluation = _made_up(candidate, tell_count / _TESTS)
             if dropping and (candidate.id % 11 == 0 or not strategy.is_wanted(candidate)):
-                evaluation = Evaluation(candidate, Outcome.DROPPED, None, told / _TESTS)
+                evaluation = Evaluation(candidate, Outcome.DROPPED, None, tell_count / _TESTS)
             strategy.tell(evaluation)
-            yield _Step(told=evaluation)
+            yield _AskOrTell(evaluation=evaluation)
 
 
 def _made_up(candidate: Candidate, budget_spent: float) -> Evaluation:
     """Return an evaluation that depends only on the candidate: all outcomes, MOOBDs -3..2.
 
-    One in three drives has no trace, as one that is told by another simulator may.
+    One in three drives has no trace, as drives of other simulators may.
     """
     outcome, moobd, places, offset, worst, speed, duration = _drawn(candidate.id)
     if not outcome.is_driven:
@@ -337,7 +342,7 @@ _Drawn: TypeAlias = tuple[Outcome, float, FloatArray, FloatArray, int, FloatArra
 
 @cache
 def _drawn(candidate_id: int) -> _Drawn:
-    """All that is random: outcome, MOOBD, places, offsets, the worst's index, speeds, duration."""
+    """Draw outcome, MOOBD, places, offsets, index of the worst offset, speeds and duration."""
     rng = np.random.default_rng(candidate_id)
     outcome = list(Outcome)[int(rng.choice(4, p=[0.5, 0.3, 0.15, 0.05]))]
     moobd = float(rng.uniform(-3.0, 2.0))
@@ -368,9 +373,9 @@ def _assert_same_road(first: Candidate, second: Candidate | None) -> None:
     assert first.curvatures.tobytes() == second.curvatures.tobytes()
 
 
-def _assert_same(first: list[_Step], second: list[_Step]) -> None:
-    for one, other in zip(first, second, strict=True):
-        if one.asked is None or other.asked is None:
-            assert one.asked is other.asked
+def _assert_same(first: list[_AskOrTell], second: list[_AskOrTell]) -> None:
+    for step, counterpart in zip(first, second, strict=True):
+        if step.asked is None or counterpart.asked is None:
+            assert step.asked is counterpart.asked
         else:
-            _assert_same_road(one.asked, other.asked)
+            _assert_same_road(step.asked, counterpart.asked)

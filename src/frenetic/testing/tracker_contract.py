@@ -39,7 +39,7 @@ class TrackerContract(DriverContract):
     """Largest distance from the lane's centre, in m."""
 
     def simulator(self) -> Simulator:
-        """What it drives in; take the package's own car if it has one."""
+        """Return the simulator of the tests; take the package's own car if it has one."""
         return EmbeddedSimulator(rules=Rules(speed_limit=36.0), steering_lag=0.03)
 
     @pytest.mark.parametrize("name", ROADS)
@@ -49,14 +49,14 @@ class TrackerContract(DriverContract):
         with self.simulator() as simulator:
             drive = simulator.drive(road, self.make())
         assert drive.trouble is None, drive.trouble
-        seen, path = assess(road, drive), drive.trajectory
-        worst = int(np.abs(seen.lateral_offset).argmax())
-        offset, steering = seen.lateral_offset[worst], path.steering[worst]
+        assessment, path = assess(road, drive), drive.trajectory
+        worst = int(np.abs(assessment.lateral_offset).argmax())
+        offset, steering = assessment.lateral_offset[worst], path.steering[worst]
         assert abs(offset) < self.keeps, (
             f"{name}: {abs(offset):.2f} m {'left' if offset > 0 else 'right'} of its lane's centre "
-            f"after {seen.distance[worst]:.0f} m, where its wheels point "
+            f"after {assessment.distance[worst]:.0f} m, where its wheels point "
             f"{abs(steering):.3f} rad to the {'left' if steering > 0 else 'right'}"
         )
-        assert seen.distance[-1] > road.length - 10.0, (
-            f"{name}: it ends after {seen.distance[-1]:.0f} of {road.length:.0f} m"
+        assert assessment.distance[-1] > road.length - 10.0, (
+            f"{name}: it ends after {assessment.distance[-1]:.0f} of {road.length:.0f} m"
         )

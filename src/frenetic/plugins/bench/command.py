@@ -135,15 +135,15 @@ def _begun(context: click.Context, path: Path | None, out: Path | None) -> tuple
     from frenetic.plugins.bench.bench import BENCHES
     from frenetic.plugins.bench.file import read_bench
 
-    given = {n: context.params[n] for n in _ENTRIES if was_given(context, n)}
-    if {"generator", "strategy"} & given.keys():  # in the place of all that the file names
-        given |= {kind: context.params[kind] for kind in ("generator", "strategy")}
+    overrides = {n: context.params[n] for n in _ENTRIES if was_given(context, n)}
+    if {"generator", "strategy"} & overrides.keys():  # in the place of all that the file names
+        overrides |= {kind: context.params[kind] for kind in ("generator", "strategy")}
     driving, here = CommandOptions.of(context), Path.cwd()
-    spec, entries = read_bench(path, given.get("preset"))
+    spec, entries = read_bench(path, overrides.get("preset"))
     with as_usage_error():
         source = None if path is None else PartsSource(path, spec, entries.parts)
-        entries = structs.replace(entries, **given)
-        is_named = path is None or "generator" in given
+        entries = structs.replace(entries, **overrides)
+        is_named = path is None or "generator" in overrides
         if is_named:
             driving = replace(driving, others=entries.parts)
         spec, folder = driving.trusted(

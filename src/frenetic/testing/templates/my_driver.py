@@ -25,8 +25,8 @@ class MyDriver:
 
     def act(self, observation: Observation) -> Controls:
         """Every 0.05 s: see `frenetic.Observation` for what it knows."""
-        seen = observation.curvature_ahead[: int(self.sight / 2) + 1]  # one value every 2 m
-        sharpest = max(float(abs(seen).max()), 1e-3)  # 1/m
+        bends = observation.curvature_ahead[: int(self.sight / 2) + 1]  # one value every 2 m
+        sharpest = max(float(abs(bends).max()), 1e-3)  # 1/m
         wanted = min(TOP_SPEED, math.sqrt(LATERAL_ACCELERATION / sharpest))
         too_slow = wanted - observation.speed
 
