@@ -196,7 +196,7 @@ def print_table(
     """Prints a table on stdout.
 
     Args:
-        columns: headings; one that begins with > is that of a column of numbers, flush right.
+        columns: headings; a heading that begins with > stands over numbers, flush right.
         rows: cells, of which None is shown as a dash.
         title: above the table, on the left.
     """
@@ -370,7 +370,7 @@ def limit_of_search(setting: Setting, from_roads: object) -> str:
     if from_roads is None or rules.road_limits == "ignored":
         return limit
     scaling = "" if rules.road_limits == "kept" else f", scaled to {rules.speed_limit:.4g} km/h"
-    return f"that of each real road{scaling}; of other roads {limit}"
+    return f"each real road's own{scaling}; of other roads {limit}"
 
 
 def facts_of_drive(

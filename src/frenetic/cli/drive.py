@@ -275,10 +275,9 @@ def _driven(
     *,
     is_quiet: bool,
 ) -> list[dict[str, Any]]:
-    """Drives the valid roads and prints what happened, unless quiet; gives it for JSON."""
+    """Drive the valid roads; print what happened, unless quiet, and return it for JSON."""
     from frenetic.campaign import RoadTester
     from frenetic.campaign.workers import driving
-    from frenetic.oracle.measures import measures_json
     from frenetic.oracle.outcome import Outcome
     from frenetic.oracle.verdict import Result, judge
 
@@ -299,30 +298,9 @@ def _driven(
                     compiled()
                 the_drive = drive_road(road, asked.conditions)
                 result = judge(road, the_drive)
-            title = f"{Path(asked.name).name}: {result.outcome}"
             if plot is not None:
-                from frenetic.report.picture import draw_drive, draw_road  # too slow for others
-
-                if the_drive is None:
-                    draw_road(road, plot, title=title, reason=reason)
-                else:
-                    draw_drive(road, the_drive, plot, title=title)
-            conditions = tester.terms.conditions_of(asked.conditions)
-            document = {
-                "road": asked.name,
-                "length": road.length,
-                "speed_limits": tester.setting.rules_in(asked.conditions)
-                .speed_limits_on(road)
-                .tolist(),
-                **result.as_json(),
-                **tester.described,
-                **({"conditions": conditions} if conditions else {}),
-                **({"notes": list(asked.notes)} if asked.notes else {}),
-                **_compared(asked, result, the_drive, tester),
-                **({} if plot is None else {"plot": str(plot)}),
-            }
-            if the_drive is not None and result.outcome.is_driven and len(the_drive.trajectory):
-                document["measures"] = measures_json(road, the_drive)
+                _draw(asked, result, the_drive, plot)
+            document = _document(asked, result, the_drive, tester, plot)
             documents.append(document)
             if not is_quiet:
                 _print(spec, tester, asked, result, document)
@@ -334,12 +312,47 @@ def _driven(
     return documents
 
 
+def _draw(asked: Asked, result: Result, drive: Drive | None, plot: Path) -> None:
+    """Draw a drive, or the road alone if it was not driven."""
+    from frenetic.report.picture import draw_drive, draw_road  # too slow for others
+
+    title = f"{Path(asked.name).name}: {result.outcome}"
+    if drive is None:
+        draw_road(asked.road, plot, title=title, reason=result.reason)
+    else:
+        draw_drive(asked.road, drive, plot, title=title)
+
+
+def _document(
+    asked: Asked, result: Result, drive: Drive | None, tester: RoadTester, plot: Path | None
+) -> dict[str, Any]:
+    """Return what happened on a road, for JSON."""
+    from frenetic.oracle.measures import measures_json
+
+    road = asked.road
+    conditions = tester.terms.conditions_of(asked.conditions)
+    document = {
+        "road": asked.name,
+        "length": road.length,
+        "speed_limits": tester.setting.rules_in(asked.conditions).speed_limits_on(road).tolist(),
+        **result.as_json(),
+        **tester.described,
+        **({"conditions": conditions} if conditions else {}),
+        **({"notes": list(asked.notes)} if asked.notes else {}),
+        **_compared(asked, result, drive, tester),
+        **({} if plot is None else {"plot": str(plot)}),
+    }
+    if drive is not None and result.outcome.is_driven and len(drive.trajectory):
+        document["measures"] = measures_json(road, drive)
+    return document
+
+
 def _compared(
     asked: Asked, result: Result, drive: Drive | None, tester: RoadTester
 ) -> dict[str, Any]:
     """What differs from the campaign's own drive, for JSON; empty if it was driven otherwise.
 
-    A drive with another driver, simulator, rules or conditions is not compared, nor is that of a
+    Nothing is compared after a drive with another driver, simulator, rules or conditions, nor for a
     road file.
     """
     from frenetic.campaign.second_drive import other_ending, other_moobd

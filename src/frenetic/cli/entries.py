@@ -123,7 +123,7 @@ def entry_option(entry: str, help: str = "") -> Decorator:  # noqa: A002
 
     Args:
         entry: name of the attribute of `Spec`.
-        help: another text than that of the declaration.
+        help: text of the option; by default the text of the declaration.
     """
     meta = _meta(entry)
     text = help or meta.description or ""
@@ -163,8 +163,8 @@ as_option: Final = click.option(
     AS,
     type=click.Path(path_type=Path),
     metavar="FILE",
-    help="Drive as this file says: campaign.toml, that of a failing road, a twin's profile. Other"
-    " options win.",
+    help="Drive as this file says: campaign.toml, the file of a failing road, a twin's profile."
+    " Other options win.",
 )
 
 
@@ -356,7 +356,7 @@ class CommandOptions:
         return folder
 
     def quantities(self, spec: Spec) -> list[str]:
-        """Quantities whose amounts the command line says, in place of those of tests.
+        """Quantities whose amounts the command line says, instead of the tests' own amounts.
 
         Args:
             spec: as `over` gives it.

@@ -24,7 +24,8 @@ from frenetic.cli.options import (
 from frenetic.spec import Spec
 
 if TYPE_CHECKING:
-    from frenetic.campaign import Event, Summary
+    from frenetic.campaign import Event, RoadTester, Summary
+    from frenetic.rerun.estimate import FailureRate
 
 
 @click.command()
@@ -53,17 +54,14 @@ def estimate(
 ) -> None:
     """Say how often a driver leaves its lane in a domain, per 1,000 km.
 
-    The domain is --odd FILE, or that of a CAMPAIGN, whose driver it is then and whose report says
-    it, too. Common failures are counted in plain drives; for rare ones, conditions in which the
-    driver fails are drawn more often and weighed. A search's failures take no part. The same
-    command goes on with an interrupted one, and shows a complete one; without a CAMPAIGN it needs
-    --out DIR for that.
+    The domain is --odd FILE, or a CAMPAIGN's domain. A CAMPAIGN's own driver drives, and its report
+    shows the estimate, too. Common failures are counted in plain drives; for rare ones, conditions
+    in which the driver fails are drawn more often and weighed. A search's failures take no part.
+    The same command goes on with an interrupted one, and shows a complete one; without a CAMPAIGN
+    it needs --out DIR for that.
     """
-    from frenetic.campaign import CampaignStore
-    from frenetic.campaign.tester import RoadTester
-    from frenetic.cli.rerun_options import campaign_spec, interrupted, shown_driving
+    from frenetic.cli.rerun_options import shown_driving
     from frenetic.rerun.estimate import estimate as estimated
-    from frenetic.rerun.rerun import campaign_tester
 
     options = CommandOptions.of(context)
     if campaign is None and not options.says("odd"):
@@ -72,18 +70,7 @@ def estimate(
         raise click.UsageError(
             f"{campaign} is estimated as it was driven: options are for --odd FILE without it"
         )
-    if campaign is None:
-        spec, place = options.trusted(options.over(Spec(), has_roads=False))
-        options.check_drawn(spec)
-        with as_usage_error(), chdir(place):
-            tester = RoadTester.of(spec)
-    else:
-        with CampaignStore.open(campaign) as store:
-            if store.setting.domain is None:
-                raise click.UsageError(f"{campaign} searched no domain: one with --odd did")
-            spec, place = campaign_spec(store, options)
-            with chdir(place):
-                tester = campaign_tester(store, spec)
+    tester = _tester_of_domain(options) if campaign is None else _tester_of(campaign, options)
     log = Log()
     latest: deque[Summary] = deque(maxlen=1)
     try:
@@ -105,18 +92,68 @@ def estimate(
     except KeyboardInterrupt:
         if not latest:  # nothing is kept
             raise
-        left = counted(drives - latest[-1].passed - latest[-1].failed, "drive")
-        command = None
-        if campaign is None and out is None:
-            words = (*this_command().words, "--out", str(latest[-1].folder))
-            command = Invocation(words)
-        raise interrupted(log, f"{left} to go", command) from None
+        is_new_folder = campaign is None and out is None
+        raise _interrupted(log, latest[-1], drives, is_new_folder=is_new_folder) from None
     folder = latest[-1].folder
-    kept = f"Kept in {folder}; to see it: frenetic report {shell(campaign or folder)}"
+    where_to_see = f"Kept in {folder}; to see it: frenetic report {shell(campaign or folder)}"
     if as_json:
         echo(json.dumps(result.as_json()))
-        log.print(kept, markup=False)
+        log.print(where_to_see, markup=False)
         return
+    _print(result)
+    echo(where_to_see)
+
+
+def _interrupted(
+    log: Log, summary: Summary, drives: int, *, is_new_folder: bool
+) -> click.exceptions.Exit:
+    """Print what is left to do after Ctrl-C, and which command goes on; return the exit.
+
+    Args:
+        log: the console for progress.
+        summary: summary of the campaign that drives.
+        drives: number of drives that the estimate needs.
+        is_new_folder: whether the command that goes on has to name the folder.
+    """
+    from frenetic.cli.rerun_options import interrupted
+
+    left = counted(drives - summary.passed - summary.failed, "drive")
+    command = None
+    if is_new_folder:
+        command = Invocation((*this_command().words, "--out", str(summary.folder)))
+    return interrupted(log, f"{left} to go", command)
+
+
+def _tester_of_domain(options: CommandOptions) -> RoadTester:
+    """Return the tester that drives in the domain of ``--odd FILE``."""
+    from frenetic.campaign.tester import RoadTester
+
+    spec, folder = options.trusted(options.over(Spec(), has_roads=False))
+    options.check_drawn(spec)
+    with as_usage_error(), chdir(folder):
+        return RoadTester.of(spec)
+
+
+def _tester_of(campaign: Path, options: CommandOptions) -> RoadTester:
+    """Return the tester that drives as a campaign did, in the campaign's domain.
+
+    Raises:
+        click.UsageError: the campaign has no domain.
+    """
+    from frenetic.campaign import CampaignStore
+    from frenetic.cli.rerun_options import campaign_spec
+    from frenetic.rerun.rerun import campaign_tester
+
+    with CampaignStore.open(campaign) as store:
+        if store.setting.domain is None:
+            raise click.UsageError(f"{campaign} searched no domain: one with --odd did")
+        spec, folder = campaign_spec(store, options)
+        with chdir(folder):
+            return campaign_tester(store, spec)
+
+
+def _print(result: FailureRate) -> None:
+    """Print an estimate, and the drives and failures from which it comes."""
     echo(result.as_text())
     echo(
         f"{result.plain} plain drives over {result.kilometres:.0f} km had"
@@ -127,4 +164,3 @@ def estimate(
             f"{counted(other_drives, 'drive')} in conditions drawn more often than they occur had"
             f" {counted(result.other_failures, 'failure')}, which weigh less"
         )
-    echo(kept)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
+from collections.abc import Sequence
 from contextlib import chdir
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -34,7 +34,7 @@ from frenetic.errors import CampaignGoneError, FreneticError
 from frenetic.spec import Spec
 
 if TYPE_CHECKING:
-    from frenetic.campaign import Event, Test
+    from frenetic.campaign import RoadTester, Test
     from frenetic.report.minimised import MinimisedFiles
     from frenetic.rerun.minimise import Minimised
     from frenetic.road import Road
@@ -91,9 +91,6 @@ def minimise(
     complete one.
     """
     from frenetic.campaign import CampaignStore, RoadTester
-    from frenetic.report.minimised import minimised_document, write_minimised
-    from frenetic.rerun.minimise import minimise as minimised_road
-    from frenetic.rerun.minimise import minimise_test
     from frenetic.rerun.rerun import campaign_tester
 
     options = CommandOptions.of(context)
@@ -102,7 +99,7 @@ def minimise(
         with CampaignStore.open(source) as store, chdir(folder):
             tester = campaign_tester(store, spec)
     elif test_ids or top is not None:
-        raise click.UsageError(f"{source} is no folder: an ID or --top needs that of a campaign")
+        raise click.UsageError(f"{source} is no folder: an ID or --top needs a campaign's folder")
     else:
         spec, folder, works = _of_file(options, source, out)
         with as_usage_error(), chdir(folder):
@@ -110,27 +107,13 @@ def minimise(
     for work in works:  # before hours are spent on what cannot be written
         work.files.prepare()
 
-    how: dict[str, Any] = {"max_drives": max_drives, "isolate": True}
-
-    def minimised_of(work: Work, on_event: Callable[[Event], None]) -> Minimised:
-        if work.test is None:
-            return minimised_road(work.road, tester, **how, on_event=on_event)
-        kept = None if out is None else out.parent
-        return minimise_test(
-            source, work.test, tester, **how, drives_folder=kept, on_event=on_event
-        )
-
+    drives_folder = None if out is None else out.parent
     log, documents, left, failed = Log(), [], list(works), False
     is_interrupted = False
     while left and not is_interrupted:
         work = left.pop(0)
-        test_id = None if work.test is None else work.test.id
         try:
-            with shown_driving(log, f"Minimising {work.name}", max_drives) as on_event:
-                minimised = minimised_of(work, on_event)
-            document = minimised_document(minimised, tester, test_id)
-            with log.status(f"Drawing {work.name}"):
-                write_minimised(minimised, work.files, document, name=work.name)
+            minimised = _minimise(work, tester, log, max_drives, source, drives_folder)
         except FreneticError as error:
             if len(works) == 1 or isinstance(error, CampaignGoneError):
                 raise
@@ -144,17 +127,66 @@ def minimise(
             _print(work, minimised)
     if as_json:
         echo(json.dumps(documents))
-    if is_interrupted and left:
-        which = ", ".join(work.name.removeprefix("Test ") for work in left)
-        raise interrupted(log, f"{counted(len(left), 'failure')} not begun: {which}")
-    if is_interrupted and not source.is_dir():
-        begin = f"the drives on a ROAD file are not kept; begin again: {this_command()}"
-        log.print(f"Interrupted: {begin}", markup=False)
-        raise click.exceptions.Exit(130)
     if is_interrupted:
-        raise interrupted(log, "smaller roads may be found")
+        raise _interrupted(log, left, source)
     if failed:
         raise click.exceptions.Exit(2)
+
+
+def _minimise(
+    work: Work,
+    tester: RoadTester,
+    log: Log,
+    max_drives: int,
+    source: Path,
+    drives_folder: Path | None,
+) -> Minimised:
+    """Minimise a failing road, and write the road and its pictures.
+
+    Args:
+        work: the road.
+        tester: drives roads on the terms of the failure.
+        log: the console for progress.
+        max_drives: most drives to spend.
+        source: folder of the campaign, or the road file.
+        drives_folder: folder for the drives on a campaign's test; None for the default.
+    """
+    from frenetic.report.minimised import minimised_document, write_minimised
+    from frenetic.rerun.minimise import minimise as minimise_road
+    from frenetic.rerun.minimise import minimise_test
+
+    test = work.test
+    with shown_driving(log, f"Minimising {work.name}", max_drives) as on_event:
+        if test is None:
+            minimised = minimise_road(
+                work.road, tester, max_drives=max_drives, isolate=True, on_event=on_event
+            )
+        else:
+            minimised = minimise_test(
+                source,
+                test,
+                tester,
+                max_drives=max_drives,
+                isolate=True,
+                drives_folder=drives_folder,
+                on_event=on_event,
+            )
+    document = minimised_document(minimised, tester, None if test is None else test.id)
+    with log.status(f"Drawing {work.name}"):
+        write_minimised(minimised, work.files, document, name=work.name)
+    return minimised
+
+
+def _interrupted(log: Log, left: Sequence[Work], source: Path) -> click.exceptions.Exit:
+    """Print what is left to do after Ctrl-C, and which command goes on; return the exit."""
+    if left:
+        which = ", ".join(work.name.removeprefix("Test ") for work in left)
+        return interrupted(log, f"{counted(len(left), 'failure')} not begun: {which}")
+    if not source.is_dir():
+        begin = f"the drives on a ROAD file are not kept; begin again: {this_command()}"
+        log.print(f"Interrupted: {begin}", markup=False)
+        return click.exceptions.Exit(130)
+    return interrupted(log, "smaller roads may be found")
 
 
 def _of_campaign(
@@ -195,7 +227,7 @@ def _of_campaign(
 def _of_file(
     options: CommandOptions, path: Path, out: Path | None
 ) -> tuple[Spec, Path, list[Work]]:
-    """The same for a road file and the options given with it."""
+    """Return the spec of a road file's drives, the folder of its code, and the road to minimise."""
     from frenetic.report.minimised import MinimisedFiles
     from frenetic.road.files import read_road
 
@@ -241,7 +273,7 @@ def _print(work: Work, minimised: Minimised) -> None:
 
 
 def _drives(minimised: Minimised) -> str:
-    """Drives that the command made, and those of earlier commands for the same road."""
+    """Say how many drives this command made, and how many earlier commands made for the road."""
     text = counted(minimised.new_drives, "drive")
     earlier = minimised.drives - minimised.new_drives
     return f"{text} now, {earlier} before" if earlier else text

@@ -67,7 +67,7 @@ class NewFile(click.Path):
     """A file to be written, refused before any work if it cannot be; an existing one is replaced.
 
     Args:
-        is_picture: whether its suffix has to be that of a picture.
+        is_picture: whether the suffix has to name a picture format, such as .png.
     """
 
     def __init__(self, *, is_picture: bool = False) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections import Counter
+from collections.abc import Sequence
 from contextlib import chdir
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
@@ -38,6 +39,7 @@ if TYPE_CHECKING:
     from frenetic.rerun.rerun import Rerun
     from frenetic.rerun.stability import Repeats
     from frenetic.rerun.variations import Variation
+    from frenetic.spec import Spec
 
 VARIED_TIMES: Final = 20
 """Default number of drives of each test if something is varied."""
@@ -110,19 +112,14 @@ def rerun(
     within one distinct failure. The same command goes on with an interrupted one, and shows a
     complete one.
     """
-    from frenetic.campaign import CampaignStore
     from frenetic.rerun.junit import write_junit
-    from frenetic.rerun.rerun import campaign_tester, rerun_with
+    from frenetic.rerun.rerun import rerun_with
 
     if everything and (test_ids or top is not None):
         raise click.UsageError("--all excludes --top and the ID of a test")
     options = CommandOptions.of(context)
     times = times or (VARIED_TIMES if asked else 1)
-    with CampaignStore.open(campaign) as store:
-        chosen = _driven_tests(store) if everything else chosen_tests(store, test_ids, top)
-        spec, folder = campaign_spec(store, options)
-        with chdir(folder):
-            tester = campaign_tester(store, spec)
+    chosen, spec, tester = _of_campaign(options, campaign, test_ids, top, everything=everything)
     variations = [variation(range_, tester) for range_ in asked]
     log = Log()
     with shown_driving(log, "Driving again") as on_event:
@@ -149,6 +146,16 @@ def rerun(
         _print(result, times, is_as_before=is_as_before, with_rows=bool(test_ids))
         see = f"to see it: frenetic report {shell(campaign)}"
         echo(f"Kept in {result.folder}; {see if out is None else 'the same command shows it'}")
+    _end(result, log, fail_on_failure=fail_on_failure)
+
+
+def _end(result: Rerun, log: Log, *, fail_on_failure: bool) -> None:
+    """End the command with another exit code than 0 where the result calls for it.
+
+    Raises:
+        click.exceptions.Exit: drives are left after Ctrl-C, no drive could be judged, or roads
+            failed and `fail_on_failure` says that this counts.
+    """
     if result.missing:
         left = counted(result.missing, "drive")
         raise interrupted(log, f"{left} to go")
@@ -157,7 +164,27 @@ def rerun(
         raise click.exceptions.Exit(1)
 
 
+def _of_campaign(
+    options: CommandOptions,
+    folder: Path,
+    test_ids: tuple[int, ...],
+    top: int | None,
+    *,
+    everything: bool,
+) -> tuple[Sequence[int] | None, Spec, RoadTester]:
+    """Return the tests to drive again, and the spec and the tester of their drives."""
+    from frenetic.campaign import CampaignStore
+    from frenetic.rerun.rerun import campaign_tester
+
+    with CampaignStore.open(folder) as store:
+        chosen = _driven_tests(store) if everything else chosen_tests(store, test_ids, top)
+        spec, code_folder = campaign_spec(store, options)
+        with chdir(code_folder):
+            return chosen, spec, campaign_tester(store, spec)
+
+
 def _driven_tests(store: CampaignStore) -> list[int]:
+    """Return the IDs of all driven tests of a campaign."""
     return [test.id for test in store.tests(with_repeats=False) if test.outcome.is_driven]
 
 
@@ -167,10 +194,10 @@ def _print(result: Rerun, times: int, *, is_as_before: bool, with_rows: bool) ->
 
     tests, drives = result.tests, result.drives
     varied = [
-        str(one)
-        if all(test.variations[i] == one for test in tests)
-        else f"{one.quantity} around each test's own"
-        for i, one in enumerate(result.variations)
+        str(variation)
+        if all(test.variations[i] == variation for test in tests)
+        else f"{variation.quantity} around each test's own"
+        for i, variation in enumerate(result.variations)
     ]
     conditions_text = ", ".join(varied) or ("in the same conditions" if times > 1 else "")
     plan = f"{counted(times, 'drive')} of each{', ' if conditions_text else ''}{conditions_text}"
@@ -184,8 +211,10 @@ def _print(result: Rerun, times: int, *, is_as_before: bool, with_rows: bool) ->
     kinds = Counter(test.stability for test in tests)
     if any(kinds[kind] for kind in Stability):
         echo(", ".join(f"{kinds[kind]} {kind}" for kind in Stability if kinds[kind]))
-    influences = [one.quantity for test in tests for one in test.influences if one.matters]
-    for name, number in Counter(influences).most_common():
+    quantities = [
+        influence.quantity for test in tests for influence in test.influences if influence.matters
+    ]
+    for name, number in Counter(quantities).most_common():
         echo(f"{name} matters in {number} of {len(tests)}")
     if is_as_before:
         echo(f"{result.same} of {counted(len(drives), 'drive')} ended exactly as before")

@@ -80,7 +80,7 @@ def campaign_spec(
 def file_spec(
     options: CommandOptions, file: RoadFile, *, checked: bool = True
 ) -> tuple[Spec, Path]:
-    """The spec with which a road's file was driven, likewise.
+    """Return the spec with which a road's file was driven, and the folder of its parts.
 
     Files that do not say it are driven as the options and their defaults say.
 

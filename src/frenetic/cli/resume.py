@@ -101,11 +101,15 @@ def resume(
             )
     spec = structs.replace(spec, workers=workers and workers.workers)
     the_campaign = make_campaign(spec, campaign, folder)
-    tests = counted(counts.tests, "test")
-    text = f"Going on after {tests} with {spec.part('strategy')}"
-    if is_spent:
-        text = f"Finishing after {tests}, which spent the budget"
+    text = _beginning(spec, counts.tests, is_spent=is_spent)
     search(the_campaign, results.resume, text, as_json, spec.seed, fail_on_failure=fail_on_failure)
+
+
+def _beginning(spec: Spec, tests: int, *, is_spent: bool) -> str:
+    """Return the line with which the command begins, after a number of tests."""
+    if is_spent:
+        return f"Finishing after {counted(tests, 'test')}, which spent the budget"
+    return f"Going on after {counted(tests, 'test')} with {spec.part('strategy')}"
 
 
 def _require_search(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
@@ -44,6 +44,7 @@ from frenetic.spec.part_record import PARTS, recorded_part
 if TYPE_CHECKING:
     from frenetic.analysis.coverage import DomainCoverage
     from frenetic.campaign import CampaignStore, Test
+    from frenetic.campaign.counts import Counts
 
 LISTED_GAPS: Final = 3
 """Most cells without a drive that are named on the terminal."""
@@ -94,8 +95,8 @@ def show(
 ) -> None:
     """Say what a CAMPAIGN folder holds, list its tests, or show one in full, with its picture.
 
-    --outcome, --feature, --sort and --limit list tests. Features are those of the road and the
-    drive within 30 m of the place where the car left its lane, or else was nearest to it: length,
+    --outcome, --feature, --sort and --limit list tests. Features describe the road and the drive
+    within 30 m of the place where the car left its lane, or else was nearest to its edge: length,
     max_curvature, direction_coverage, bends, mean_speed, std_speed, std_steering, mean_offset,
     extreme_offset. Conditions are quantities ('frenetic list quantities').
 
@@ -136,7 +137,7 @@ def _list_tests(
     limit: int | None,
     as_json: bool,
 ) -> None:
-    from frenetic.analysis.features import FEATURES
+    """Print the tests that match the options, or their first `limit`."""
     from frenetic.analysis.listing import ORDERS, list_tests
 
     within = {asked.name: asked.limits or (-math.inf, math.inf) for asked in features}
@@ -161,6 +162,23 @@ def _list_tests(
         document = {"folder": str(store.folder), "matching": len(tests), "listed": rows}
         echo(json.dumps(document))
         return
+    _print_tests(rows, names, oob_unit(store.lane_width))
+    shown = f"; the first {len(listed)} are listed" if len(listed) < len(tests) else ""
+    match = "matches" if len(tests) == 1 else "match"
+    results = sum(store.by_outcome().values())
+    echo(f"{len(tests)} of {counted(results, 'result')} {match}{shown}")
+
+
+def _print_tests(rows: Sequence[Mapping[str, Any]], names: Sequence[str], moobd_unit: str) -> None:
+    """Print a table of tests.
+
+    Args:
+        rows: the tests, as in the JSON of a list.
+        names: features and conditions that have a column.
+        moobd_unit: unit of MOOBD for the heading.
+    """
+    from frenetic.analysis.features import FEATURES
+
     units = [(FEATURES[name] if name in FEATURES else condition_named(name)).unit for name in names]
     headings = [
         f">{name}{f' ({unit})' if unit else ''}" for name, unit in zip(names, units, strict=True)
@@ -169,7 +187,7 @@ def _list_tests(
         (
             ">test",
             "outcome",
-            f">MOOBD ({oob_unit(store.lane_width)})",
+            f">MOOBD ({moobd_unit})",
             ">time (s)",
             *headings,
             "why",
@@ -186,10 +204,6 @@ def _list_tests(
             for row in rows
         ],
     )
-    shown = f"; the first {len(listed)} are listed" if len(listed) < len(tests) else ""
-    match = "matches" if len(tests) == 1 else "match"
-    results = sum(store.by_outcome().values())
-    echo(f"{len(tests)} of {counted(results, 'result')} {match}{shown}")
 
 
 def _finite(value: float | None) -> float | None:
@@ -198,21 +212,12 @@ def _finite(value: float | None) -> float | None:
 
 
 def _show_campaign(store: CampaignStore, as_json: bool) -> None:
-    from frenetic.analysis.caution import caution
+    """Print what a campaign holds: its facts, failures and coverage."""
     from frenetic.analysis.clusters import LISTED, distinct_failures, nearest_misses
     from frenetic.analysis.coverage import domain_coverage
-    from frenetic.analysis.criteria import criteria_text
-    from frenetic.campaign.configuration import earlier_of
-    from frenetic.campaign.guarded_strategy import FACTS
-    from frenetic.campaign.objective import as_text
-    from frenetic.campaign.second_drive import not_repeatable
-    from frenetic.campaign.summary import facts_text
-    from frenetic.campaign.warm_start import still_failing
     from frenetic.report.minimised import minimised_drives
-    from frenetic.rerun.estimate import FailureRate
 
     counts, setting = store.counts(), store.setting
-    config, facts = store.config, store.facts
     clusters = distinct_failures(store)
     listed_clusters = clusters if counts.failed else nearest_misses(store)
     shortened = minimised_drives(store, [cause.example for cause in clusters.causes])
@@ -225,42 +230,12 @@ def _show_campaign(store: CampaignStore, as_json: bool) -> None:
             "distinct_failures": clusters_json(clusters),
             "near_misses": [] if counts.failed else clusters_json(listed_clusters),
             "coverage": None if coverage is None else coverage.as_json(),
-            "facts": dict(facts),
-            "config": dict(config),
+            "facts": dict(store.facts),
+            "config": dict(store.config),
         }
         echo(json.dumps(document))
         return
-    budget, rate = _budget(store), FailureRate.read(store.folder)
-    rules, error = setting.rules, first_error(store)
-    limit = limit_of_search(setting, config.get("from_roads"))
-    print_facts(
-        [
-            ("campaign", str(store.folder)),
-            *((kind, _part(config, kind)) for kind in PARTS),
-            ("seed", "" if config.get("seed") is None else str(config["seed"])),
-            ("conditions", conditions_text(_conditions(store))),
-            (
-                "rules",
-                f"speed limit {limit}, {rules.oob_tolerance:g} of the car may be out, map of"
-                f" {setting.map_size:g} m",
-            ),
-            ("criteria", criteria_text(store)),
-            ("roads", "" if setting.road_class is None else setting.road_class.as_text()),
-            ("domain", "" if setting.domain is None else setting.domain.as_text()),
-            ("how often", "" if rate is None else rate.as_text()),
-            ("objective", as_text(store)),
-            *(("starts from", str(earlier)) for earlier in earlier_of(config)),
-            ("budget", budget),
-            ("go on", _going_on(store)),
-            ("results", counts.as_text()),
-            ("known before", still_failing(store)),
-            ("search", facts_text(facts.get(FACTS))),
-            ("note", not_repeatable(facts)),
-            ("note", str(facts.get("notice") or "")),
-            ("note", caution(store)),
-            ("error", f"the first: {error}" if error else ""),
-        ]
-    )
+    print_facts(_facts_of_campaign(store, counts))
     if counts.failed:
         print_causes(clusters, counts, shortened)
         echo()
@@ -271,6 +246,50 @@ def _show_campaign(store: CampaignStore, as_json: bool) -> None:
     if listed_clusters:
         example = clusters.causes[0].example if counts.failed else listed_clusters[0].most_severe
         echo(f"One in full: frenetic show {shell(store.folder)} {example}")
+
+
+def _facts_of_campaign(store: CampaignStore, counts: Counts) -> list[tuple[str, str]]:
+    """Return the facts of a campaign as labels and texts; an empty text is not shown."""
+    from frenetic.analysis.caution import caution
+    from frenetic.analysis.criteria import criteria_text
+    from frenetic.campaign.configuration import earlier_of
+    from frenetic.campaign.guarded_strategy import FACTS
+    from frenetic.campaign.objective import as_text
+    from frenetic.campaign.second_drive import not_repeatable
+    from frenetic.campaign.summary import facts_text
+    from frenetic.campaign.warm_start import still_failing
+    from frenetic.rerun.estimate import FailureRate
+
+    setting, config, facts = store.setting, store.config, store.facts
+    budget, rate = _budget(store), FailureRate.read(store.folder)
+    rules, error = setting.rules, first_error(store)
+    limit = limit_of_search(setting, config.get("from_roads"))
+    return [
+        ("campaign", str(store.folder)),
+        *((kind, _part(config, kind)) for kind in PARTS),
+        ("seed", "" if config.get("seed") is None else str(config["seed"])),
+        ("conditions", conditions_text(_conditions(store))),
+        (
+            "rules",
+            f"speed limit {limit}, {rules.oob_tolerance:g} of the car may be out, map of"
+            f" {setting.map_size:g} m",
+        ),
+        ("criteria", criteria_text(store)),
+        ("roads", "" if setting.road_class is None else setting.road_class.as_text()),
+        ("domain", "" if setting.domain is None else setting.domain.as_text()),
+        ("how often", "" if rate is None else rate.as_text()),
+        ("objective", as_text(store)),
+        *(("starts from", str(earlier)) for earlier in earlier_of(config)),
+        ("budget", budget),
+        ("go on", _going_on(store)),
+        ("results", counts.as_text()),
+        ("known before", still_failing(store)),
+        ("search", facts_text(facts.get(FACTS))),
+        ("note", not_repeatable(facts)),
+        ("note", str(facts.get("notice") or "")),
+        ("note", caution(store)),
+        ("error", f"the first: {error}" if error else ""),
+    ]
 
 
 def _budget(store: CampaignStore) -> str:
@@ -341,44 +360,58 @@ def _part(config: Mapping[str, Any], kind: str) -> str:
     return recorded_part(config, kind) + (f" [{version}]" if version else "")
 
 
-def _show_test(store: CampaignStore, test_id: int, as_json: bool) -> None:
-    from frenetic.campaign.objective import value_text
-    from frenetic.campaign.status import signed_driving
-    from frenetic.campaign.warm_start import driven_again
-    from frenetic.report.failures import FAILURES, PICTURES, file_stem, road_document
-    from frenetic.report.minimised import minimised_drives, minimised_road
+def _draw(store: CampaignStore, test: Test) -> str:
+    """Draw the picture of a test; return the path, or why nothing was drawn."""
+    from frenetic.report.failures import FAILURES, PICTURES, file_stem
     from frenetic.report.picture import draw_test
-    from frenetic.search.random_search import EARLIER, GIVEN
 
-    test = store.test(test_id)
     kind = FAILURES if test.outcome is Outcome.FAIL else PICTURES
-    picture = store.folder / kind / f"{file_stem(test_id)}.png"
+    picture = store.folder / kind / f"{file_stem(test.id)}.png"
     try:
         picture.parent.mkdir(exist_ok=True)
-        draw_test(test, picture, f"Test {test_id}: {test.outcome}")
-        drawn = str(picture)
+        draw_test(test, picture, f"Test {test.id}: {test.outcome}")
     except (OSError, FreneticError) as error:
-        drawn = f"not drawn, {error}"
-    if as_json:
-        document = road_document(test, store.config, signed_driving(store))
-        echo(json.dumps(document | {"picture": drawn, "told": test.told}))
-        return
+        return f"not drawn, {error}"
+    return str(picture)
+
+
+def _origin(store: CampaignStore, test: Test) -> str:
+    """Return the operator that made a test's road, from which roads, and the generation."""
+    from frenetic.campaign.warm_start import driven_again
+    from frenetic.search.random_search import EARLIER, GIVEN
+
     origin, notes = test.candidate.origin, test.candidate.notes
     source = origin.operator
     if origin.parents:
         source += f" of {', '.join(map(str, origin.parents))}"
-    earlier = driven_again(store).get(test_id) if origin.operator == EARLIER else None
+    earlier = driven_again(store).get(test.id) if origin.operator == EARLIER else None
     if earlier is not None and (road := earlier.candidate.source) is not None:
         source += f", the road of test {road.test} of {road.campaign}"
     if GIVEN in notes:
         source += f", {notes[GIVEN]}"
+    return f"{source}, generation {origin.generation}"
+
+
+def _show_test(store: CampaignStore, test_id: int, as_json: bool) -> None:
+    """Draw a test and print it in full."""
+    from frenetic.campaign.objective import value_text
+    from frenetic.campaign.status import signed_driving
+    from frenetic.report.failures import road_document
+    from frenetic.report.minimised import minimised_drives, minimised_road
+
+    test = store.test(test_id)
+    picture = _draw(store, test)
+    if as_json:
+        document = road_document(test, store.config, signed_driving(store))
+        echo(json.dumps(document | {"picture": picture, "told": test.told}))
+        return
     short = minimised_drives(store, [test_id]).get(test_id)
     value, objective = test.objective, str(store.config.get("objective"))
     print_facts(
         [
             ("test", f"{test_id}" if test.told == test_id else f"{test_id}, result {test.told}"),
             ("outcome", f"{test.outcome}  {test.reason}"),
-            ("origin", f"{source}, generation {origin.generation}"),
+            ("origin", _origin(store, test)),
             ("cause", _cause(test)),
             (
                 "conditions",
@@ -396,6 +429,6 @@ def _show_test(store: CampaignStore, test_id: int, as_json: bool) -> None:
             *facts_of_drive(test.result, test.result.duration, test.road.lane_width),
             ("objective", "" if value is None else value_text(objective, value)),
             ("curvatures", " ".join(f"{value:.4f}" for value in test.road.curvatures)),
-            ("picture", drawn),
+            ("picture", picture),
         ]
     )

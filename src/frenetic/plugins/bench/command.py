@@ -195,18 +195,7 @@ def _run(the_bench: Bench, resume: bool, workers: int | None, as_json: bool) -> 
 
         def started() -> None:
             compiled()
-            names = ", ".join(entrant.name for entrant in the_bench.entrants)
-            log.print(
-                f"{the_bench.runs_text} each of {names}, results in {the_bench.folder}",
-                markup=False,
-            )
-            needed = the_bench.repeats_needed
-            if the_bench.repeats < needed and not resume:
-                log.print(
-                    f"Note: {len(the_bench.entrants)} generators need at least {needed} repeats:"
-                    f" with {the_bench.repeats} no difference can be shown",
-                    markup=False,
-                )
+            _print_plan(the_bench, log, resume)
 
         time_left = TimeLeft()
 
@@ -240,6 +229,22 @@ def _run(the_bench: Bench, resume: bool, workers: int | None, as_json: bool) -> 
         raise click.exceptions.Exit(130)
     if not has_drives:
         raise click.exceptions.Exit(1)
+
+
+def _print_plan(the_bench: Bench, log: Log, resume: bool) -> None:
+    """Print which runs a bench makes, and warn of too few repeats when it begins."""
+    names = ", ".join(entrant.name for entrant in the_bench.entrants)
+    log.print(
+        f"{the_bench.runs_text} each of {names}, results in {the_bench.folder}",
+        markup=False,
+    )
+    needed = the_bench.repeats_needed
+    if the_bench.repeats < needed and not resume:
+        log.print(
+            f"Note: {len(the_bench.entrants)} generators need at least {needed} repeats:"
+            f" with {the_bench.repeats} no difference can be shown",
+            markup=False,
+        )
 
 
 def _show_results(the_bench: Bench, states: Sequence[RunState], log: Log, as_json: bool) -> bool:
