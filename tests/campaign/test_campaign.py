@@ -380,7 +380,7 @@ RAISED = r"the strategy raised KeyError: 'out of\nideas'"
                 ({"step": "10"}, "candidate 4 with the step '10': a positive number"),
                 ({"id": "1"}, "candidate '1' with this id: a whole number"),
                 ({"id": 2**65}, f"candidate {2**65} with this id: a whole number"),
-                ({"origin": None}, "candidate 4 with the origin None: a frenetic.Origin"),
+                ({"origin": None}, "candidate 4 with the origin None: a frenetic.search.Origin"),
                 ({"origin": Origin(None)}, "candidate 4 with the operator None: a text"),  # type: ignore[arg-type]
                 ({"origin": Origin("a", ("b",))}, "candidate 4 with the parents ('b',): "),  # type: ignore[arg-type]
                 ({"origin": Origin("a", (), -1)}, "candidate 4 with the generation -1: a whole"),

@@ -13,6 +13,7 @@ from frenetic import Budget, Campaign, CampaignStore, Candidate, Evaluation, Out
 from frenetic.campaign import evaluate
 from frenetic.campaign.objective import Objective, evaluation_of
 from frenetic.errors import FreneticError, Trouble
+from frenetic.oracle import Finding
 from frenetic.search import Origin
 from frenetic.testing import DummySimulator
 
@@ -88,6 +89,6 @@ def test_an_evaluation_has_a_moobd_only_after_a_whole_drive() -> None:
 def test_the_worst_place_is_the_findings_or_the_lowest_moobds() -> None:
     candidate = Candidate(1, np.zeros(20), 10.0, Origin("mine"))
     passed = Evaluation(candidate, Outcome.PASS, 0.5, 0.1, worst_place=40.0)
-    departure = frenetic.Finding.departure("left", 87.0)
+    departure = Finding.departure("left", 87.0)
     failed = replace(passed, outcome=Outcome.FAIL, finding=departure)
     assert (passed.place, failed.place) == (40.0, 87.0)

@@ -195,7 +195,7 @@ def test_a_campaign_goes_on_with_the_parts_that_it_was_made_with(
         ("margin", {"terms": Terms(margin=5.0)}),
         ("lane width", {"terms": Terms(lane_width=3.5)}),
         ("conditions", {"terms": Terms(conditions={"noise": 0.1})}),
-        ("max_in_flight", {"max_in_flight": 16}),
+        ("max in flight", {"max_in_flight": 16}),
         ("objective", {"objective": "oob-share"}),
         ("rules", {"simulator": DummySimulator(bend, rules=Rules(speed_limit=50.0))}),
         ("strategy", {"strategy": RandomSearch(seed=4)}),

@@ -162,7 +162,7 @@ def test_roads_that_a_simulator_cannot_lay_are_refused_before_the_first(frenetic
 def test_a_strategy_of_ones_own_is_told_what_breaks_a_rule(frenetic: Frenetic) -> None:
     Path("mine.py").write_text(
         "import numpy as np\n"
-        "from frenetic import Origin, Strategy\n"
+        "from frenetic.search import Origin, Strategy\n"
         "from frenetic.search.strategy import Ledger, SearchEnded\n"
         "class Mine(Strategy):\n"
         "    def __init__(self): self.ledger = Ledger()\n"

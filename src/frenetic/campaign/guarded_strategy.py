@@ -142,7 +142,7 @@ def _fault_of(candidate: Any) -> str:
         return f"the step {shown(candidate.step)}: a positive number of metres is needed"
     origin = candidate.origin
     if not isinstance(candidate.origin, Origin):
-        return f"the origin {shown(origin)}: a frenetic.Origin is needed"
+        return f"the origin {shown(origin)}: a frenetic.search.Origin is needed"
     if not isinstance(origin.operator, str):
         return f"the operator {shown(origin.operator)}: a text is needed"
     if not (
