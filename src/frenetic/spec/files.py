@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any, Final
 
 import tomli_w
-from msgspec import ValidationError, convert, structs, to_builtins
+from msgspec import ValidationError, convert, to_builtins
 
 from frenetic._support.bounds import check
 from frenetic._support.files import read_bounded, write_file
@@ -30,10 +30,9 @@ def converted_entries(entries: Mapping[str, Any], kind: type[Any]) -> Any:
         ValueError: an entry is unknown, missing, of another kind or out of range; the message
             names it.
     """
-    known = [item.encode_name for item in structs.fields(kind)]
+    known: tuple[str, ...] = kind.__struct_encode_fields__
     if unknown := [name for name in entries if name not in known]:
-        encoded = {item.name: item.encode_name for item in structs.fields(kind)}
-        attribute = encoded.get(unknown[0])
+        attribute = dict(zip(kind.__struct_fields__, known, strict=True)).get(unknown[0])
         close = f": it is {attribute!r}" if attribute else hint(unknown[0], known)
         others = f"; there are {', '.join(known)}" if close == "." else close
         raise ValueError(f"there is no entry {unknown[0]!r}{others}")
