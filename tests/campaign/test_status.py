@@ -170,5 +170,7 @@ def test_an_owner_says_which_command_goes_on_wherever_its_folder_is(tmp_path: Pa
     stored = json.loads(json.dumps(owner.entry()))
     assert owner_of(stored) == owner
     assert owner_of({}) is None
-    with pytest.raises(CampaignError, match="its owner"):
-        owner_of({OWNER: {"summary": 3}})
+    texts = {"summary": "", "advice": ""}
+    for damaged in ({"summary": 3}, {**texts, "levels_up": 99}, {**texts, "time_budget": -1.0}):
+        with pytest.raises(CampaignError, match="its owner"):
+            owner_of({OWNER: damaged})

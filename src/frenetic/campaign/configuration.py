@@ -6,11 +6,11 @@ import shlex
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any, Final
+from typing import Annotated, Any, Final
 
-from msgspec import Struct, ValidationError, convert, defstruct, to_builtins
+from msgspec import Meta, Struct, ValidationError, convert, defstruct, to_builtins
 
-from frenetic._support.bounds import Count
+from frenetic._support.bounds import Count, Positive
 from frenetic._support.json_value import JSONValue
 from frenetic._support.words import counted
 from frenetic.errors import CampaignError, FreneticError
@@ -32,9 +32,9 @@ class Owner(Struct, frozen=True, kw_only=True):
     """How to go on with the campaign, for people."""
     resume: tuple[str, ...] = ()
     """Words after `frenetic` that go on, before the owner's folder; empty where none are known."""
-    levels_up: int = 0
+    levels_up: Annotated[int, Meta(ge=0, le=8)] = 0
     """Number of folders from the campaign's up to the owner's."""
-    time_budget: float | None = None
+    time_budget: Positive | None = None
     """Time that the owner grants, in s of its own clock, where it is not the campaign's budget."""
 
     def entry(self) -> dict[str, JSONValue]:
@@ -46,8 +46,9 @@ class Owner(Struct, frozen=True, kw_only=True):
         """Return the command that goes on with the campaign in a folder, or else the advice."""
         if not self.resume:
             return self.advice
-        place = [folder, *folder.parents][self.levels_up]
-        return shlex.join(["frenetic", *self.resume, str(place)])
+        for _ in range(self.levels_up):
+            folder = folder.parent
+        return shlex.join(["frenetic", *self.resume, str(folder)])
 
 
 def owner_of(config: Mapping[str, Any]) -> Owner | None:
