@@ -149,4 +149,4 @@ def cluster_workers() -> Any:
     """
     for entry in installed(CLUSTERS):
         return imported(entry.target)
-    raise CampaignError(f"no installed package adds {CLUSTERS}, which drive for an address")
+    raise CampaignError(f"workers on a cluster need a package with an entry point in {CLUSTERS}")
