@@ -116,7 +116,7 @@ def make_campaign(folder: Path, tests: int) -> None:
             test = Test.of(
                 candidate,
                 attempt,
-                told=number,
+                result_number=number,
                 budget_spent=budget.spent(simulations, elapsed, failures),
                 elapsed=elapsed,
                 finished_at=present_moment(),

@@ -204,7 +204,7 @@ def record(driven: Driven, candidate: Candidate, number: int) -> Test:
         result=driven.result,
         pose=driven.road.pose,
         trajectory=driven.drive.trajectory,
-        told=number,
+        result_number=number,
         budget_spent=0.5,
         seconds=0.001,
     )

@@ -76,7 +76,7 @@ def search(
     ).run()
     with CampaignStore.open(folder) as store:
         clusters = distinct_failures(store)
-        told = [test.told for test in store.tests(Outcome.FAIL, limit=1)]
+        told = [test.result_number for test in store.tests(Outcome.FAIL, limit=1)]
     return Found(len(clusters), clusters.known, (told or [simulations + 1])[0])
 
 

@@ -52,7 +52,7 @@ def store_of(
                     candidate=candidate,
                     result=Result(outcome, ""),
                     seconds=2.0,
-                    told=number,
+                    result_number=number,
                     budget_spent=0.0,
                     elapsed=number * elapsed,
                 )

@@ -67,7 +67,7 @@ def bend_test(
         conditions=conditions,
         grade=np.array([[0.0, 0.0], [20.0, grade]]),
     )
-    return Test(candidate=candidate, result=Result(outcome, ""), told=1, budget_spent=0.0)
+    return Test(candidate=candidate, result=Result(outcome, ""), result_number=1, budget_spent=0.0)
 
 
 def covered(domain: Domain, tests: Iterable[Test]) -> DomainCoverage:

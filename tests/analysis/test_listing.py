@@ -38,7 +38,7 @@ def test_severity_is_the_order_of_moobd(drifting: Path) -> None:
         by_moobd = list(store.tests(order_by="moobd"))
         assert {test.outcome for test in records} >= {Outcome.PASS, Outcome.FAIL}
         assert [test.id for test in records] == [test.id for test in by_moobd]
-        orders = [test.told for test, _ in list_tests(store, sort="tested")]
+        orders = [test.result_number for test, _ in list_tests(store, sort="tested")]
         assert orders == sorted(orders)
 
 
@@ -65,8 +65,8 @@ def test_unknown_names_and_reversed_ranges_are_refused(drifting: Path) -> None:
     with CampaignStore.open(drifting) as store:
         with pytest.raises(UnknownNameError, match=r"'bend'.*severity.*max_curvature"):
             list_tests(store, sort="bend")
-        with pytest.raises(UnknownNameError, match="'told': choose from"):
-            list_tests(store, within={"told": (1.0, 2.0)})
+        with pytest.raises(UnknownNameError, match="'order': choose from"):
+            list_tests(store, within={"order": (1.0, 2.0)})
         with pytest.raises(ValueError, match="bends from 3 to 1"):
             list_tests(store, within={"bends": (3.0, 1.0)})
         with pytest.raises(ValueError, match="'GONE'"):

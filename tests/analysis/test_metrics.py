@@ -45,7 +45,7 @@ def test_measures_agree_with_the_database(searched: Path, measured: CampaignMeas
         return float(value)
 
     driven = "outcome IN ('PASS', 'FAIL', 'ERROR')"
-    first = ask("SELECT min(told) FROM test WHERE outcome = 'FAIL'")
+    first = ask("SELECT min(result_number) FROM test WHERE outcome = 'FAIL'")
     different = "SELECT count(DISTINCT hex(curvatures)) FROM test WHERE"  # each road counts once
     valid, refused = ask(f"{different} {driven}"), ask(f"{different} outcome = 'INVALID'")
     assert measured.failures == ask(f"{different} outcome = 'FAIL'") > 0
@@ -53,7 +53,7 @@ def test_measures_agree_with_the_database(searched: Path, measured: CampaignMeas
     assert measured.valid_share == valid / (valid + refused)
     assert measured.min_moobd == ask("SELECT min(moobd) FROM test")
     assert measured.simulations_to_failure == ask(
-        f"SELECT count(*) FROM test WHERE {driven} AND told <= {first}"
+        f"SELECT count(*) FROM test WHERE {driven} AND result_number <= {first}"
     )
     database.close()
     assert (measured.seed, measured.is_finished) == (2, True)

@@ -273,14 +273,14 @@ def test_an_error_in_a_callback_is_raised_and_loses_nothing(
     orders: list[int | None] = []
 
     def fail(test: Test) -> None:
-        orders.append(test.told)
+        orders.append(test.result_number)
         raise KeyError("mine")
 
     with pytest.raises(KeyError, match="mine"):
         search.run(on_event=on_test(fail))
     with CampaignStore.open(tmp_path) as store:
         assert store.stored() == 2
-    end = search.run(on_event=on_test(lambda test: orders.append(test.told)))
+    end = search.run(on_event=on_test(lambda test: orders.append(test.result_number)))
     assert end.simulations == 4
     assert orders == list(range(1, end.tests + 1))
 
@@ -403,7 +403,7 @@ def test_a_strategy_that_breaks_ends_the_campaign_with_one_line(
         scripted(tmp_path, Budget(simulations=9), strategy=strategy).run()
     assert str(caught.value).startswith(complaint)
     with CampaignStore.open(tmp_path) as store:
-        assert store.counts().told == results
+        assert store.counts().result_count == results
 
 
 class Observing(Scripted, ObservingStrategy):

@@ -152,9 +152,15 @@ def test_results_in_a_log_that_was_not_copied_are_missed(tmp_path: Path) -> None
 @pytest.mark.parametrize(
     ("change", "text"),
     [
-        ("DELETE FROM test WHERE told = 30", "but not as numbers 1 to"),
-        ("DELETE FROM test WHERE told = 30", "candidates are there, but not those from 1 to"),
-        ("DELETE FROM test WHERE told = (SELECT max(told) FROM test)", "the log tells of"),
+        ("DELETE FROM test WHERE result_number = 30", "but not as numbers 1 to"),
+        (
+            "DELETE FROM test WHERE result_number = 30",
+            "candidates are there, but not those from 1 to",
+        ),
+        (
+            "DELETE FROM test WHERE result_number = (SELECT max(result_number) FROM test)",
+            "the log tells of",
+        ),
         (
             "INSERT INTO finding VALUES (9999, 1, 'lane', 1, 1, 'left', 1, 1, 1, 1)",
             "findings of test 9999, which is missing",
@@ -211,7 +217,7 @@ def run(*arguments: str) -> int:
 def test_command(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert run(str(folder)) == 0
     assert "nothing is wrong" in capsys.readouterr().out
-    execute(folder, "UPDATE test SET seconds = -1.0 WHERE told <= 23")
+    execute(folder, "UPDATE test SET seconds = -1.0 WHERE result_number <= 23")
     assert run(str(folder)) == 1
     out = capsys.readouterr().out
     assert sum("test " in line and "seconds" in line for line in out.splitlines()) == 20

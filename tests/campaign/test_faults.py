@@ -44,7 +44,7 @@ posix_only = pytest.mark.skipif(sys.platform == "win32", reason="by POSIX signal
 
 def stored(folder: Path) -> int:
     with CampaignStore.open(folder) as store:
-        return store.counts().told
+        return store.counts().result_count
 
 
 def test_forks_of_strategies_leave_no_trace(tmp_path: Path, marks: Marks) -> None:

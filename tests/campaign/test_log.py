@@ -174,7 +174,7 @@ def test_a_log_that_somebody_removed_costs_its_lines_only(
     tmp_path: Path, is_replaced: bool
 ) -> None:
     def remove(test: Any) -> None:
-        if test.told == 10:
+        if test.result_number == 10:
             (tmp_path / LOG).unlink()
             if is_replaced:  # by what cannot be opened
                 (tmp_path / LOG).mkdir()

@@ -125,4 +125,4 @@ def test_an_objective_without_a_value_ends_the_campaign(
     assert ("own.py:" in str(caught.value).partition("raised")[2]) == (name == "broken")
     with CampaignStore.open(tmp_path / "c") as store:
         assert len(list(store.candidates())) == 1
-        assert store.counts().told == 0
+        assert store.counts().result_count == 0

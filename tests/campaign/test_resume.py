@@ -86,7 +86,7 @@ def result_count(folder: Path) -> int:
     if not (folder / "campaign.sqlite").exists():
         return 0
     with CampaignStore.open(folder) as store:
-        return store.counts().told
+        return store.counts().result_count
 
 
 @pytest.fixture(scope="module")

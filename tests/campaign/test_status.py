@@ -56,7 +56,7 @@ def test_a_running_campaign_is_seen_result_by_result(tmp_path: Path) -> None:
     with paced(tmp_path) as process:
         for results in range(1, 6):
             state = look(tmp_path)
-            assert (state.status, state.summary.told) == (Status.RUNNING, results)
+            assert (state.status, state.summary.result_count) == (Status.RUNNING, results)
             assert state.writer == f"process {process.id}"
             process.go_on()
         process.finish()
@@ -68,7 +68,7 @@ def test_a_killed_campaign_is_known_at_once_until_it_is_resumed(tmp_path: Path) 
         process.go_on()
         process.kill()
         state = look(tmp_path)
-    assert (state.status, state.summary.told) == (Status.KILLED, 2)
+    assert (state.status, state.summary.result_count) == (Status.KILLED, 2)
     statuses = []
     campaign(tmp_path).resume(on_event=on_test(lambda test: statuses.append(look(tmp_path).status)))
     assert set(statuses) == {Status.RUNNING}

@@ -58,7 +58,7 @@ def make_trajectory(seed: int, records: int = 60) -> Trajectory:
     return Trajectory.from_rows(np.cumsum(steps, axis=0) / 1000.0)
 
 
-def make_test(id: int, outcome: Outcome | None = None, told: int | None = None) -> Test:  # noqa: A002
+def make_test(id: int, outcome: Outcome | None = None, result_number: int | None = None) -> Test:  # noqa: A002
     """Outcomes in turn, MOOBDs in no order."""
     outcome = outcome or (Outcome.FAIL, Outcome.PASS, Outcome.INVALID, Outcome.ERROR)[id % 4]
     result, pose, path = Result(outcome, f"reason {id}: κ → θ"), None, None
@@ -73,7 +73,7 @@ def make_test(id: int, outcome: Outcome | None = None, told: int | None = None) 
         result=result,
         pose=pose,
         trajectory=path,
-        told=told or id,
+        result_number=result_number or id,
         budget_spent=min(id / 100, 1.0),
         elapsed=id / 8,
     )
@@ -156,8 +156,8 @@ FULL = Test(
     trajectory=make_trajectory(1),
     worker="worker 1",
     seconds=0.125,
-    told_share=0.5,
-    told=1,
+    reported_share=0.5,
+    result_number=1,
     budget_spent=0.01,
     attempts=2,
     elapsed=0.25,
@@ -284,8 +284,8 @@ def require_same(store: CampaignStore, asked: Asked, results: list[Test]) -> Non
     expected = [as_read(test) for test in results]
     assert plain(list(store.tests(with_trajectory=True))) == expected
     assert plain(list(store.candidates())) == plain(asked)
-    failed = [test["told"] for test in expected if test["result"]["outcome"] == "FAIL"]
-    assert [test.told for test in store.tests(Outcome.FAIL, limit=2)] == failed[:2]
+    failed = [test["result_number"] for test in expected if test["result"]["outcome"] == "FAIL"]
+    assert [test.result_number for test in store.tests(Outcome.FAIL, limit=2)] == failed[:2]
     moobds = sorted((test.moobd is None, test.moobd or 0.0) for test in results)
     by_moobd = [test.moobd for test in store.tests(order_by="moobd")]
     assert by_moobd == [None if is_missing else moobd for is_missing, moobd in moobds]
@@ -364,10 +364,10 @@ def test_a_reader_sees_the_moment_it_asked_while_the_writer_goes_on(store: Campa
     store.write()
     with CampaignStore.open(store.folder) as reader:
         writer_tests, tests, candidates = store.tests(), reader.tests(), reader.candidates()
-        assert [next(iterator).told for iterator in (writer_tests, tests)] == [1, 1]
+        assert [next(iterator).result_number for iterator in (writer_tests, tests)] == [1, 1]
         tell(store, many + 1)
-        assert [test.told for test in writer_tests] == list(range(2, many + 1))
-        assert [test.told for test in tests] == list(range(2, many + 1))
+        assert [test.result_number for test in writer_tests] == list(range(2, many + 1))
+        assert [test.result_number for test in tests] == list(range(2, many + 1))
         assert [candidate.id for candidate, _ in candidates] == list(range(1, many + 1))
         assert plain(reader.test(many + 1)) == as_read(make_test(many + 1))
 
@@ -506,7 +506,7 @@ def test_folders_without_permission(finished: Path, tmp_path: Path) -> None:
                 with refused("ermission"):
                     CampaignStore.create(place, CONFIG)
             with CampaignStore.open(finished) as store:  # reading needs no permission to write
-                assert store.counts().told == 10
+                assert store.counts().result_count == 10
     finally:
         shut.chmod(0o755)
         finished.chmod(0o755)

@@ -88,7 +88,7 @@ def test_roads_are_the_strategys_and_the_campaign_is_like_any_other(tmp_path: Pa
     alone = RandomSearch(seed=3)
     with CampaignStore.open(folder) as store:
         tests = list(store.tests(with_trajectory=True))
-        assert store.config["driver"]["options"] == {"name": "told"}  # type: ignore[index, call-overload]
+        assert store.config["driver"]["options"] == {"name": "client"}  # type: ignore[index, call-overload]
     for test in tests:
         assert test.candidate.curvatures.tolist() == alone.ask().curvatures.tolist()
         assert (test.outcome is Outcome.INVALID) or (test.trajectory is None) == (test.id % 2 == 0)
@@ -235,7 +235,7 @@ def test_what_was_told_before_an_older_road_survives_a_kill(tmp_path: Path) -> N
     with CampaignStore.open(folder) as store:
         moobds = {test.id: test.moobd for test in store.tests()}
     assert moobds == {one["id"]: made_up(one)["moobd"] for one in (oldest, *others)}
-    assert not [*(folder / "told").iterdir()]
+    assert not [*(folder / "waiting").iterdir()]
 
 
 class OneByOne(Strategy):

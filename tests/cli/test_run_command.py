@@ -360,7 +360,7 @@ def stored_in_a_moment(folder: Path) -> int:
 def stored_tests(folder: Path) -> int:
     try:
         with CampaignStore.open(folder) as store:
-            return store.counts().told
+            return store.counts().result_count
     except CampaignError:
         return 0
 

@@ -56,7 +56,7 @@ def changed(test: Test, **changes: Any) -> Test:
 
 def fifth(**changes: Any) -> Callable[[Test], Test]:
     """Changes the fifth test."""
-    return lambda test: changed(test, **changes) if test.told == 5 else test
+    return lambda test: changed(test, **changes) if test.result_number == 5 else test
 
 
 @pytest.fixture(params=["a whole batch", "batches of seven"])
@@ -211,8 +211,8 @@ def test_an_existing_target_is_refused_in_one_line(campaign: Path, tmp_path: Pat
     assert (tmp_path / "file").read_text() == "precious"
 
 
-GONE = "UPDATE test SET trajectory = NULL WHERE told = 1"
-LATE = "UPDATE test SET seconds = -1.0 WHERE told = 50"
+GONE = "UPDATE test SET trajectory = NULL WHERE result_number = 1"
+LATE = "UPDATE test SET seconds = -1.0 WHERE result_number = 50"
 
 
 @pytest.mark.parametrize(
@@ -302,7 +302,7 @@ def test_no_text_is_a_formula_or_controls_a_terminal(told_anew: ToldAnew, tmp_pa
     texts, names = list(NASTY), ("reason", "operator", "worker")
 
     def change(test: Test) -> Test:
-        text = texts[test.told % len(texts)]
+        text = texts[test.result_number % len(texts)]
         return changed(test, reason=text, operator=text, worker=text)
 
     folder = told_anew(change)
@@ -310,8 +310,8 @@ def test_no_text_is_a_formula_or_controls_a_terminal(told_anew: ToldAnew, tmp_pa
     with path.open(encoding="utf-8", newline="") as file:
         rows = list(csv.DictReader(file))
     frame = data_frame(folder)
-    for row, told in enumerate(frame["told"].tolist()):
-        text = texts[told % len(texts)]
+    for row, number in enumerate(frame["result_number"].tolist()):
+        text = texts[number % len(texts)]
         assert [rows[row][name] for name in names] == [NASTY[text]] * 3
         assert list(frame.loc[row, list(names)]) == [text] * 3
     assert min(float(row["moobd"]) for row in rows if row["moobd"]) < 0.0  # numbers stay numbers

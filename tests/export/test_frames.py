@@ -47,7 +47,7 @@ def expected(test: Test) -> dict[str, Any]:
     departure = test.departure
     return {
         "id": candidate.id,
-        "told": test.told,
+        "result_number": test.result_number,
         "outcome": test.outcome.value,
         "reason": result.reason,
         "operator": candidate.origin.operator,
@@ -118,7 +118,7 @@ def test_a_frame_has_values_that_only_some_tests_have(
     told_anew: ToldAnew,
 ) -> None:
     def change(test: Test) -> Test:
-        if test.told != 5:
+        if test.result_number != 5:
             return test
         fault = Fault("driver", "ValueError", "mine.py", 7)
         return replace(
@@ -237,8 +237,12 @@ def test_trajectories_of_a_frame_are_the_tests_trajectories(campaign: Path) -> N
     [
         ("UPDATE test SET seconds = -1.0 WHERE id = 9", "tests", "test 9: .*seconds"),
         ("UPDATE test SET reason = CAST(X'FF' AS TEXT) WHERE id = 9", "tests", "damaged"),
-        ("UPDATE test SET trajectory = NULL WHERE told = 1", "trajectories", "is gone"),
-        ("UPDATE test SET trajectory = X'00' WHERE told = 1", "trajectories", "is damaged"),
+        ("UPDATE test SET trajectory = NULL WHERE result_number = 1", "trajectories", "is gone"),
+        (
+            "UPDATE test SET trajectory = X'00' WHERE result_number = 1",
+            "trajectories",
+            "is damaged",
+        ),
     ],
 )
 def test_damage_is_one_line(

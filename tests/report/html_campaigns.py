@@ -92,7 +92,7 @@ def make_hostile(folder: Path, searched: Path) -> Path:
                     failure,
                     candidate=candidate,
                     result=result,
-                    told=number,
+                    result_number=number,
                     elapsed=0.1 * number,
                 )
             )
@@ -117,7 +117,7 @@ def make_refused(folder: Path, searched: Path) -> Path:
             Test(
                 candidate=candidate,
                 result=Result(Outcome.INVALID, "too short"),
-                told=1,
+                result_number=1,
                 budget_spent=0.0,
             )
         )

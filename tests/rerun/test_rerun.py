@@ -129,7 +129,7 @@ def test_the_conditions_reach_workers(campaign: Path) -> None:
 
 
 def test_only_roads_that_were_driven_are_driven_again(campaign: Path) -> None:
-    refused = replace(recorded(Outcome.INVALID, None, id=1000), told=61)
+    refused = replace(recorded(Outcome.INVALID, None, id=1000), result_number=61)
     with CampaignStore.open(campaign, readonly=False) as store:
         store.add_candidate(refused.candidate)
         store.add_result(refused)

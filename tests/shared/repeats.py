@@ -35,7 +35,9 @@ def recorded(
     findings = () if place is None else (Finding(LANE, 1.0, 0.5, side, 5.0, place, 0.0, 0.0),)
     result = Result(outcome, reason, moobd, duration=duration, findings=findings)
     candidate = Candidate(id, np.zeros(24), 10.0, Origin("random"), conditions=dict(conditions))
-    return Test(candidate=candidate, result=result, told=id, budget_spent=0.5, seconds=0.25)
+    return Test(
+        candidate=candidate, result=result, result_number=id, budget_spent=0.5, seconds=0.25
+    )
 
 
 def redriven(

@@ -77,9 +77,11 @@ def full(folder: Path) -> dict[str, object]:
     def search() -> Any:
         return campaign(short, 200, workers=2)
 
-    messages = [ending(search().run, on_result(lambda told: reported.append(told.told)))]
+    messages = [
+        ending(search().run, on_result(lambda summary: reported.append(summary.result_count)))
+    ]
     with CampaignStore.open(short) as store:
-        stored = store.counts().told
+        stored = store.counts().result_count
     messages.append(ending(search().resume))
     ballast.unlink()
     ended = ending(search().resume)

@@ -86,7 +86,7 @@ def _values(store: CampaignStore, record: Test, names: Collection[str]) -> Featu
 def _sort_key(record: Test, values: Features, sort: str) -> float:
     """Return a number that is smaller for a test that comes earlier."""
     if sort == "tested":
-        return record.told
+        return record.result_number
     if sort == "severity":
         return math.inf if record.moobd is None else record.moobd
     value = record.result.duration if sort == "duration" else values.get(sort)

@@ -149,7 +149,7 @@ def segments_of(
     store: CampaignStore,
     outcome: Outcome | None = None,
     *,
-    order_by: Order = "told",
+    order_by: Order = "result_number",
     limit: int | None = None,
     with_repeats: bool = True,
 ) -> Iterator[tuple[Test, Segment]]:

@@ -54,7 +54,7 @@ from frenetic.simulators.simulator import Ready
 
 WORKER: Final = "client"
 """Name of the worker in tests that a client drove."""
-TOLD: Final = "told"
+WAITING: Final = "waiting"
 """Folder in a campaign's folder for results that wait for an older candidate's result."""
 
 
@@ -160,7 +160,7 @@ class Told(Struct, forbid_unknown_fields=True):
             ]
         result = Result(
             outcome,
-            self.reason or f"told as {outcome}",
+            self.reason or f"reported as {outcome}",
             self.moobd if outcome.is_driven else None,
             self.place if outcome.is_driven else None,
             self.oob_share if outcome.is_driven else None,
@@ -174,18 +174,18 @@ class Told(Struct, forbid_unknown_fields=True):
             path,
             worker=WORKER,
             seconds=seconds,
-            told_share=self.budget_spent,
+            reported_share=self.budget_spent,
         )
         return attempt.pack(keep=True)
 
 
 @dataclass(frozen=True)
-class TellingDriver:
+class ClientDriver:
     """The driver of a client, which drives elsewhere."""
 
     BEHAVIOUR: ClassVar[int] = 1
 
-    name: str = "told"
+    name: str = "client"
     """Name of the client's driver and simulator, for the campaign's record."""
 
     def reset(self, setup: DriveSetup) -> None:
@@ -197,10 +197,10 @@ class TellingDriver:
         Raises:
             CampaignError: always.
         """
-        raise CampaignError("this driver is told about, and drives nothing here")
+        raise CampaignError("a client drives: its driver cannot act here")
 
 
-class TellingSimulator(Ready):
+class ClientSimulator(Ready):
     """The simulator of a client, which lays any road in any conditions.
 
     Args:
@@ -219,7 +219,7 @@ class TellingSimulator(Ready):
         Raises:
             CampaignError: always.
         """
-        raise CampaignError("this simulator is told about, and drives nothing here")
+        raise CampaignError("a client drives: its simulator cannot drive here")
 
 
 class _Client(Workers):
@@ -400,15 +400,15 @@ class ToldCampaign(Campaign):
         requests: Iterator[str],
         answer: Callable[[Any], None],
         *,
-        name: str = "told",
+        name: str = "client",
         rules: Rules | None = None,
         **others: Any,
     ) -> None:
-        super().__init__(simulator=TellingSimulator(rules), driver=TellingDriver(name), **others)
+        super().__init__(simulator=ClientSimulator(rules), driver=ClientDriver(name), **others)
         self.max_in_flight = None
         self._answer = answer
         self._requests = requests
-        self._client = _Client(self.tester, requests, answer, self.folder / TOLD)
+        self._client = _Client(self.tester, requests, answer, self.folder / WAITING)
 
     def _check_conditions(self, domain: Domain) -> None:
         """Check nothing: the client sets the conditions."""

@@ -351,7 +351,7 @@ class Campaign(NotebookRepr):
         """Search on after an earlier `run` or `resume` of this object."""
         summary = state.summary
         with CampaignStore.open(self.folder, readonly=False) as store:
-            if sum(store.by_outcome().values()) != summary.told:
+            if sum(store.by_outcome().values()) != summary.result_count:
                 raise CampaignError(
                     f"{self.folder} was written by another process since: resume() a campaign with"
                     " a fresh strategy"
@@ -439,7 +439,9 @@ class Campaign(NotebookRepr):
         with CampaignLog(self.folder) as log, saying_what_is_stored(store, summary):
             configuration = self.configuration()
             fields: dict[str, Any] = {name: configuration[name] for name in _LOGGED}
-            after = f" after {counted(summary.told, 'result')}" if summary.told else ""
+            after = (
+                f" after {counted(summary.result_count, 'result')}" if summary.result_count else ""
+            )
             log.write(event, event + after, process_id=os.getpid(), host=platform.node(), **fields)
             for note in self.notes if event is LogEvent.STARTED else ():
                 log.write(LogEvent.LOG, note, logger=__name__)

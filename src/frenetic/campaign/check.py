@@ -63,14 +63,19 @@ def _findings(store: CampaignStore) -> Iterator[str]:
             store.earlier_trajectory(test.id)
         for (number,) in store.rows("SELECT test FROM finding EXCEPT SELECT id FROM test"):
             yield f"there are findings of test {number}, which is missing"
-        numbers = list(store.rows("SELECT id, told FROM test ORDER BY told IS NULL, told, id"))
+        numbers = list(
+            store.rows(
+                "SELECT id, result_number FROM test"
+                " ORDER BY result_number IS NULL, result_number, id"
+            )
+        )
     except CampaignError as error:
         yield str(error)
         return
     orders = [order for _, order in numbers if order is not None]
     count = len(orders)
     if orders != list(range(1, count + 1)):
-        yield f"{count} results are told, but not as numbers 1 to {count}: some are missing"
+        yield f"{count} results are stored, but not as numbers 1 to {count}: some are missing"
     if (logged := results_in_log(store.folder)) > count:
         yield (
             f"the log tells of {logged} results, the database holds {count}: the last ones are"

@@ -92,7 +92,7 @@ class Counts:
         return self.simulations + self.invalid
 
     @property
-    def told(self) -> int:
+    def result_count(self) -> int:
         """Number of results that the strategy knows: tests and dropped candidates."""
         return self.tests + self.dropped
 

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from frenetic._support.files import flush
-from frenetic.campaign.record import ASKED, FINDING, FINISHED, TOLD, Test, row_of
+from frenetic.campaign.record import ASKED, FINDING, FINISHED, REPORTED, Test, row_of
 from frenetic.campaign.trajectory_codec import encode
 from frenetic.errors import CampaignError
 
@@ -30,7 +30,7 @@ def listed(columns: Sequence[object]) -> str:
 
 
 _ASKED: Final = [*(column.name for column in ASKED), "asked_after"]
-_TOLD: Final = [*(column.name for column in TOLD), "trajectory"]
+_REPORTED: Final = [*(column.name for column in REPORTED), "trajectory"]
 
 
 @dataclass(frozen=True)
@@ -66,7 +66,7 @@ class Tables:
     @cached_property
     def update(self) -> str:
         """Statement that adds the result of a candidate."""
-        values = listed([f"{name} = ?" for name in _TOLD])
+        values = listed([f"{name} = ?" for name in _REPORTED])
         return f"UPDATE {self.test} SET {values} WHERE id = ?"  # noqa: S608
 
     @cached_property
@@ -102,7 +102,7 @@ class Tables:
             test = replace(test, records=len(test.trajectory))
         findings = enumerate([row_of(finding, FINDING) for finding in test.result.findings], 1)
         return {
-            self.update: [(*row_of(test, TOLD), packed, test.id)],
+            self.update: [(*row_of(test, REPORTED), packed, test.id)],
             self.insert_finding: [(test.id, number, *row) for number, row in findings],
         }
 

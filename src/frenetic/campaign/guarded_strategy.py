@@ -267,7 +267,7 @@ def replay(
             following = next(asked, None)
 
     for test in store.tests():
-        ask_until(summary.told)
+        ask_until(summary.result_count)
         candidate = outstanding.pop(test.id, None)
         if candidate is None:
             raise CampaignError(
@@ -278,8 +278,8 @@ def replay(
         summary.add(candidate, test.outcome, test.moobd)
         summary.measure(objective, evaluation)
         summary.seconds = test.elapsed
-        summary.spend(budget, summary.seconds, test.told_share)
-    ask_until(summary.told)
+        summary.spend(budget, summary.seconds, test.reported_share)
+    ask_until(summary.result_count)
     return summary, outstanding
 
 

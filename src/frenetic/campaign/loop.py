@@ -210,7 +210,7 @@ class Dispatcher:
             return False
         simulations = self._summary.simulations + len(self._outstanding)
         most = self._plan.budget.simulations
-        if self._summary.told_share is None and most is not None and simulations >= most:
+        if self._summary.reported_share is None and most is not None and simulations >= most:
             return False
         if self._plan.max_in_flight is None:
             return len(self._waiting) < self._workers.free
@@ -316,11 +316,11 @@ class Dispatcher:
         summary.drive_seconds += attempt.seconds
         summary.driver_seconds += attempt.driver_seconds
         elapsed = time.perf_counter() - self._start
-        summary.spend(self._plan.budget, elapsed, attempt.told_share)
+        summary.spend(self._plan.budget, elapsed, attempt.reported_share)
         test = Test.of(
             candidate,
             attempt,
-            told=summary.told,
+            result_number=summary.result_count,
             budget_spent=summary.budget_spent,
             attempts=self._tries.pop(candidate.id, 0),
             elapsed=elapsed,
@@ -368,7 +368,7 @@ class Dispatcher:
         elif test.outcome.is_driven:
             self._broken = 0
             self._refusals.clear()
-        if self._broken >= MAX_ERRORS_IN_A_ROW and self._summary.told_share is None:
+        if self._broken >= MAX_ERRORS_IN_A_ROW and self._summary.reported_share is None:
             so = f"so the campaign gives up: {test.reason}"
             if is_drivers(test.result.fault):
                 first = f"the driver broke on each of the first {self._broken} roads"

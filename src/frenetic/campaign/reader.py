@@ -35,7 +35,7 @@ STARTED_IN: Final = "started_in"
 """Fact with the folder from which a campaign was started, where its parts are found."""
 SIGNATURE: Final = "signature"
 """Fact with the user's signature of the code, its folder and its sources."""
-Order: TypeAlias = Literal["told", "moobd"]
+Order: TypeAlias = Literal["result_number", "moobd"]
 
 _BATCH: Final = 500  # tests that one SELECT reads, ours
 _UNLISTED: Final = (
@@ -47,9 +47,9 @@ _UNLISTED: Final = (
 )  # facts that are large, or shown elsewhere
 _ROADS: Final = (
     f"SELECT id, outcome, conditions, step, curvatures, points, {listed(profile.NAMES)} FROM test"  # noqa: S608
-    " WHERE told IS NOT NULL AND outcome <> 'DROPPED' ORDER BY told"
+    " WHERE result_number IS NOT NULL AND outcome <> 'DROPPED' ORDER BY result_number"
 )
-_ORDERS: Final = {"told": "told", "moobd": "moobd IS NULL, moobd, told"}
+_ORDERS: Final = {"result_number": "result_number", "moobd": "moobd IS NULL, moobd, result_number"}
 
 
 class CampaignReader(NotebookRepr):
@@ -129,7 +129,7 @@ class CampaignReader(NotebookRepr):
     def tests(
         self,
         outcome: Outcome | None = None,
-        order_by: Order = "told",
+        order_by: Order = "result_number",
         limit: int | None = None,
         with_trajectory: bool | Container[int] = False,
         *,
@@ -139,8 +139,8 @@ class CampaignReader(NotebookRepr):
 
         Args:
             outcome: outcome of the tests to yield; None for all.
-            order_by: ``told`` for the order of results, or ``moobd``: lowest first, tests without
-                a MOOBD last.
+            order_by: ``result_number`` for the order of results, or ``moobd``: lowest first,
+                tests without a MOOBD last.
             limit: most tests.
             with_trajectory: whether tests come with their trajectories, or the ids of those that
                 do.
@@ -157,8 +157,8 @@ class CampaignReader(NotebookRepr):
         repeats = frozenset[int]() if with_repeats else self.repeats()
         most = -1 if limit is None else limit + len(repeats)
         ids = self._ids(
-            f"SELECT id FROM test WHERE told IS NOT NULL {condition} ORDER BY {_ORDERS[order_by]}"  # noqa: S608
-            f" LIMIT {most:d}"
+            f"SELECT id FROM test WHERE result_number IS NOT NULL {condition}"  # noqa: S608
+            f" ORDER BY {_ORDERS[order_by]} LIMIT {most:d}"
         )
         ids = [number for number in ids if number not in repeats][:limit]
         return (
@@ -177,7 +177,7 @@ class CampaignReader(NotebookRepr):
             CampaignError: no test has this id (the message names the existing ids), or the test is
                 damaged.
         """
-        number = self._known(id, "test of candidate", "told IS NOT NULL")
+        number = self._known(id, "test of candidate", "result_number IS NOT NULL")
         return self._read([number], with_trajectory)[0]
 
     def trajectory(self, id: int) -> Trajectory | None:  # noqa: A002
@@ -318,7 +318,7 @@ class CampaignReader(NotebookRepr):
             CampaignError: a test is damaged.
         """
         self.write()
-        ((stored,),) = self._select("SELECT count(told) FROM test")
+        ((stored,),) = self._select("SELECT count(result_number) FROM test")
         if self._repeats is None or self._repeats[0] != stored:
             first = FirstTests()
             repeats = frozenset(
@@ -342,7 +342,8 @@ class CampaignReader(NotebookRepr):
         """Return the number of results per outcome, and the lowest MOOBD in m."""
         self.write()
         rows = self._select(
-            "SELECT outcome, count(*), min(moobd) FROM test WHERE told IS NOT NULL GROUP BY outcome"
+            "SELECT outcome, count(*), min(moobd) FROM test WHERE result_number IS NOT NULL"
+            " GROUP BY outcome"
         )
         by_outcome = dict.fromkeys(Outcome, 0)
         with self._reading("the outcome of a test"):
@@ -352,7 +353,7 @@ class CampaignReader(NotebookRepr):
     def stored(self) -> int:
         """Return the number of results on disk, without waiting ones; 0 if it cannot be read."""
         with suppress(CampaignError):
-            ((number,),) = self._select("SELECT count(told) FROM test")
+            ((number,),) = self._select("SELECT count(result_number) FROM test")
             return int(number)
         return 0
 

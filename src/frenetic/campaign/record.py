@@ -1,7 +1,7 @@
 """Records of a candidate's test: the `Attempt` that a worker answers, and the stored `Test`.
 
-`ASKED`, `TOLD` and `FINDING` declare each value that the database holds. Its tables, the records
-read from them and the exported tables follow from these columns.
+`ASKED`, `REPORTED` and `FINDING` declare each value that the database holds. Its tables, the
+records read from them and the exported tables follow from these columns.
 """
 
 from __future__ import annotations
@@ -57,7 +57,7 @@ class Attempt:
     """Wall time in the driver's own code, in s."""
     trouble: Trouble | None = None
     """Error of the driver, the simulator or the worker; None without an error."""
-    told_share: Share | None = None
+    reported_share: Share | None = None
     """Spent share of the budget, as a client reports it; None if the campaign counts."""
 
     @classmethod
@@ -118,11 +118,11 @@ class Test(NotebookRepr):
     candidate: Candidate
     result: Result
     """Verdict; of an undriven road only outcome and reason."""
-    told: Count
+    result_number: Count
     """Number from 1 in the order of results."""
     budget_spent: Share
     """Share of the campaign's budget spent after this test, 0..1."""
-    told_share: Share | None = None
+    reported_share: Share | None = None
     """Spent share as a client reports it, 0..1; None if the campaign counts."""
     pose: Pose | None = None
     """Start of the road on the map; None if it fits nowhere."""
@@ -151,7 +151,7 @@ class Test(NotebookRepr):
         candidate: Candidate,
         attempt: Attempt,
         *,
-        told: int,
+        result_number: int,
         budget_spent: float,
         attempts: int = 1,
         elapsed: float = 0.0,
@@ -162,9 +162,9 @@ class Test(NotebookRepr):
         return cls(
             candidate=candidate,
             result=attempt.result,
-            told=told,
+            result_number=result_number,
             budget_spent=budget_spent,
-            told_share=attempt.told_share,
+            reported_share=attempt.reported_share,
             pose=attempt.pose,
             records=attempt.records,
             worker=attempt.worker,
@@ -351,12 +351,12 @@ ASKED: Final = (
 )
 """Columns of a candidate."""
 
-TOLD: Final = (
-    Column("told", "told", "INTEGER", "counts from 1 in the order of telling"),
+REPORTED: Final = (
+    Column("result_number", "result_number", "INTEGER", "counts from 1 in the order of results"),
     Column("outcome", "result.outcome", "TEXT", "PASS, FAIL, INVALID, ERROR or DROPPED"),
     Column("reason", "result.reason", "TEXT", "why it ended so"),
-    Column("budget_spent", "budget_spent", "REAL", "share of the budget when it was told"),
-    Column("told_share", "told_share", "REAL", "that share, if whoever drives told it"),
+    Column("budget_spent", "budget_spent", "REAL", "share of the budget spent after the result"),
+    Column("reported_share", "reported_share", "REAL", "spent share that a client reported"),
     Column("x", "pose.x", "REAL", "of the pose in which the road starts on the map", "m"),
     Column("y", "pose.y", "REAL", "of the pose in which the road starts on the map", "m"),
     Column("heading", "pose.heading", "REAL", "of that pose, counter-clockwise from +x", "rad"),
@@ -367,8 +367,8 @@ TOLD: Final = (
     Column("fault", "result.fault", "JSON", "whose code broke, and where"),
     Column("objective", "objective", "REAL", "what the search minimised, if not the MOOBD"),
     Column("seconds", "seconds", "REAL", "wall time of the test", "s"),
-    Column("elapsed", "elapsed", "REAL", "the campaign's time when it was told", "s"),
-    Column("finished_at", "finished_at", "TEXT", "when it was told"),
+    Column("elapsed", "elapsed", "REAL", "campaign time of the result", "s"),
+    Column("finished_at", "finished_at", "TEXT", "time of the result"),
     Column("attempts", "attempts", "INTEGER", "how often it was tried"),
     Column("worker", "worker", "TEXT", "who drove it"),
     Column("records", "records", "INTEGER", "number of records of its trajectory"),
@@ -381,7 +381,7 @@ FINDING: Final = tuple(
 )
 """Columns of a finding, after its test and its number."""
 
-FINISHED: Final = (*ASKED, *TOLD)
+FINISHED: Final = (*ASKED, *REPORTED)
 
 
 def row_of(record: Any, columns: Sequence[Column]) -> tuple[Any, ...]:

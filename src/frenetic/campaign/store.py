@@ -81,7 +81,7 @@ class CampaignStore(CampaignReader):
             statement: [] for statement in (TESTS.insert, TESTS.update, TESTS.insert_finding)
         }
         ((self._last_id, self._result_count),) = self._select(
-            "SELECT coalesce(max(id), 0), count(told) FROM test"
+            "SELECT coalesce(max(id), 0), count(result_number) FROM test"
         )
 
     @classmethod
@@ -368,7 +368,9 @@ class CampaignStore(CampaignReader):
         ((verdict,),) = self._select("PRAGMA quick_check(1)")
         if verdict != "ok":
             raise self._damaged(" ".join(verdict.split()))
-        ((number, last),) = self._select("SELECT count(told), max(told) FROM test")
+        ((number, last),) = self._select(
+            "SELECT count(result_number), max(result_number) FROM test"
+        )
         if number and number != last:
             raise self._damaged(f"it holds {number} of {last} results")
 

@@ -30,7 +30,7 @@ class Summary(Counts):
     """Wall time since the start, in s."""
     budget_spent: float = 0.0
     """Spent share of the budget, 0..1."""
-    told_share: float | None = None
+    reported_share: float | None = None
     """Spent share as a client reported it last; None without such a report."""
     lane_width: float = 4.0
     """Width of each lane, in m."""
@@ -76,9 +76,9 @@ class Summary(Counts):
             seconds: time of the campaign so far.
             share: share that a client reports; None for its last report, or else our count.
         """
-        self.told_share = self.told_share if share is None else share
+        self.reported_share = self.reported_share if share is None else share
         counted = budget.spent(self.simulations, seconds, self.failed)
-        self.budget_spent = counted if self.told_share is None else self.told_share
+        self.budget_spent = counted if self.reported_share is None else self.reported_share
 
     def measure(self, objective: Objective, evaluation: Evaluation) -> None:
         """Note the objective's value of a further result, if it has a value."""

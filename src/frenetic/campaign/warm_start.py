@@ -117,7 +117,13 @@ def take_roads(
             result = Result(Outcome.DROPPED, "a stretch of a real road, which nobody has driven")
             number = len(tests) + 1
             tests.append(
-                Test(candidate=candidate, result=result, told=number, budget_spent=0.0, attempts=0)
+                Test(
+                    candidate=candidate,
+                    result=result,
+                    result_number=number,
+                    budget_spent=0.0,
+                    attempts=0,
+                )
             )
     if not tests:
         raise RoadError(
@@ -244,7 +250,7 @@ def _taken(
         record,
         candidate=candidate,
         budget_spent=0.0,
-        told_share=None,
+        reported_share=None,
         objective=objective,
         trajectory=path,
     )
@@ -253,7 +259,7 @@ def _taken(
 def numbered(tests: Sequence[Test]) -> list[Test]:
     """Return the tests with numbers from 1 in this order, as candidates and as results."""
     return [
-        replace(test, candidate=replace(test.candidate, id=number), told=number)
+        replace(test, candidate=replace(test.candidate, id=number), result_number=number)
         for number, test in enumerate(tests, start=1)
     ]
 

@@ -30,7 +30,7 @@ def check(campaign: Path, as_json: bool) -> None:
 
     report = check_campaign(campaign)
     counts, findings = report.counts, report.findings
-    waiting = report.asked - counts.told
+    waiting = report.asked - counts.result_count
     if as_json:
         values = {
             "folder": str(report.folder),
@@ -42,14 +42,15 @@ def check(campaign: Path, as_json: bool) -> None:
         }
         echo(json.dumps(values))
     else:
-        per_test = f", {report.size / 1e3 / counts.told:.1f} kB per result" if counts.told else ""
+        results = counts.result_count
+        per_result = f", {report.size / 1e3 / results:.1f} kB per result" if results else ""
         print_facts(
             [
                 ("campaign", str(report.folder)),
                 ("results", counts.as_text()),
                 ("waiting", f"{waiting:,} asked and not told"),
                 ("drives", f"{report.trajectories:,} trajectories"),
-                ("on disk", f"{report.size / 1e6:,.1f} MB{per_test}"),
+                ("on disk", f"{report.size / 1e6:,.1f} MB{per_result}"),
             ]
         )
         for finding in findings[:SHOWN]:

@@ -148,7 +148,7 @@ def _list_tests(
     rows: list[dict[str, Any]] = [
         {
             "id": test.id,
-            "told": test.told,
+            "result_number": test.result_number,
             "outcome": str(test.outcome),
             "moobd": test.moobd,
             "duration": simulated_time(test.result.duration),
@@ -400,16 +400,17 @@ def _show_test(store: CampaignStore, test_id: int, as_json: bool) -> None:
     from frenetic.report.minimised import minimised_drives, minimised_road
 
     test = store.test(test_id)
+    number = test.result_number
     picture = _draw(store, test)
     if as_json:
         document = road_document(test, store.config, signed_driving(store))
-        echo(json.dumps(document | {"picture": picture, "told": test.told}))
+        echo(json.dumps(document | {"picture": picture, "result_number": number}))
         return
     short = minimised_drives(store, [test_id]).get(test_id)
     value, objective = test.objective, str(store.config.get("objective"))
     print_facts(
         [
-            ("test", f"{test_id}" if test.told == test_id else f"{test_id}, result {test.told}"),
+            ("test", str(test_id) + (f", result {number}" if number != test_id else "")),
             ("outcome", f"{test.outcome}  {test.reason}"),
             ("origin", _origin(store, test)),
             ("cause", _cause(test)),

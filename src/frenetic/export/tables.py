@@ -43,7 +43,7 @@ _PATHS: Final[Mapping[str, Sequence[str]]] = {column.name: column.places for col
 _KINDS: Final = {column.name: column.kind for column in FINISHED}
 _DEPARTURE: Final = ("time", "distance", "x", "y", "side")
 _ORDER: Final = """
-    id told outcome reason operator parents generation
+    id result_number outcome reason operator parents generation
     length max_curvature curvatures step x y heading
     superelevation grade widening speed_limits
     moobd moobd_distance max_oob_share objective duration

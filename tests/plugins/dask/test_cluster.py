@@ -253,7 +253,7 @@ def test_a_cluster_that_loses_its_scheduler(
     said = [record for record in caplog.records if record.levelno >= logging.WARNING]
     assert not [record for record in said if record.name == theirs.name]  # beside what we say
     with CampaignStore.open(folder) as store:
-        assert 3 <= store.counts().told < 20
+        assert 3 <= store.counts().result_count < 20
     summary = campaign(folder, 20, strategy=Straight(8, 9)).resume()
     assert (summary.passed, summary.errors, summary.tests) == (20, 0, 20)
 

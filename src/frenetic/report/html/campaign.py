@@ -113,7 +113,8 @@ class Reading:
             CampaignError: the campaign is damaged.
         """
         rows = store.rows(
-            "SELECT id, outcome, moobd FROM test WHERE told IS NOT NULL ORDER BY told"
+            "SELECT id, outcome, moobd FROM test WHERE result_number IS NOT NULL"
+            " ORDER BY result_number"
         )
         repeats = store.repeats()
         first_tests = [
