@@ -126,9 +126,9 @@ class RibsSearch(Strategy):
         self._rows: dict[int, tuple[_Batch, int]] = {}
         """Id of an outstanding candidate -> its place in a batch."""
 
-    def keep_margin(self, margin: float) -> None:
+    def keep_map_margin(self, map_margin: float) -> None:
         """Takes only roads for valid that keep so many m from the map's edge."""
-        self._map_check.keep_margin(margin)
+        self._map_check.keep_map_margin(map_margin)
 
     def ask(self) -> Candidate:
         """The next road to try: random at first, and while results of a batch are missing."""

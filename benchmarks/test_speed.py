@@ -40,7 +40,7 @@ from frenetic.oracle.outcome import Outcome
 from frenetic.oracle.verdict import Result, judge
 from frenetic.parts.registry import STRATEGIES
 from frenetic.report import draw_drive
-from frenetic.road import MAP_SIZE, MARGIN, Road, check_validity, fit_to_map
+from frenetic.road import MAP_MARGIN, MAP_SIZE, Road, check_validity, fit_to_map
 from frenetic.search import Candidate, Evaluation, Origin, RandomSearch, Strategy
 from frenetic.search.operators import CURVATURE_BOUND, MAX_CHANGE, random_curvatures
 from frenetic.simulators import Drive, EmbeddedSimulator
@@ -111,7 +111,7 @@ def random_roads() -> Iterator[Driven]:
 
 def has_to_turn(driven: Driven) -> bool:
     """Whether moving alone does not bring the road into the map."""
-    motion = fit_to_map(Road(driven.curvatures).road_points, MAP_SIZE, MARGIN)
+    motion = fit_to_map(Road(driven.curvatures).road_points, MAP_SIZE, MAP_MARGIN)
     return motion is not None and motion.rotation != 0.0
 
 

@@ -47,7 +47,7 @@ def setting_of(domain: Domain | None) -> Setting:
     return Setting(
         lane_width=4.0,
         map_size=200.0,
-        margin=10.0,
+        map_margin=10.0,
         rules=SIMULATOR.rules,
         car=SIMULATOR.car,
         road_class=None if domain is None else domain.road_class,

@@ -445,8 +445,8 @@ NUMBER = "a number is needed"
         ("lane_width", 0, "lane_width is 0: a number > 0 is needed"),
         ("lane_width", float("nan"), "lane_width is nan: a number > 0 is needed"),
         ("lane_width", "4", f"lane_width is '4': {NUMBER}"),
-        ("margin", -1.0, "margin is -1.0: a number >= 0 is needed"),
-        ("margin", None, f"margin is None: {NUMBER}"),
+        ("map_margin", -1.0, "map_margin is -1.0: a number >= 0 is needed"),
+        ("map_margin", None, f"map_margin is None: {NUMBER}"),
         ("map_size", 150.0, "map_size is 150, but the strategy was made for 200"),
         ("map_size", "wide", f"map_size is 'wide': {NUMBER}"),
         ("map_size", True, f"map_size is True: {NUMBER}"),
@@ -464,7 +464,7 @@ def test_options_are_checked_before_anything_is_written(
     tmp_path: Path, option: str, value: object, words: str
 ) -> None:
     with refused(f"^{words}", ValueError):
-        if option in ("lane_width", "margin", "map_size"):
+        if option in ("lane_width", "map_margin", "map_size"):
             option, value = "terms", Terms(**{option: value})  # type: ignore[arg-type]
         campaign(tmp_path / "c", **{"strategy": RandomSearch(seed=1), option: value})  # type: ignore[arg-type]
     assert not (tmp_path / "c").exists()
@@ -506,7 +506,7 @@ def test_numbers_of_numpy_are_numbers(tmp_path: Path) -> None:
             driver=Planner(aggression=real(1.25)),
             budget=Budget(simulations=whole(2), time=real(1e6), failures=whole(9)),
             folder=tmp_path / name,
-            terms=Terms(map_size=real(200), margin=whole(8), lane_width=real(3.5)),
+            terms=Terms(map_size=real(200), map_margin=whole(8), lane_width=real(3.5)),
             workers=whole(1),
             max_in_flight=whole(2),
         )
@@ -523,7 +523,10 @@ def test_a_campaigns_margin_reaches_a_strategy_without_a_margin(
 ) -> None:
     def search(simulations: int) -> Campaign:
         return scripted(
-            tmp_path, Budget(simulations=simulations), strategy=kind(seed=1), terms=Terms(margin=40)
+            tmp_path,
+            Budget(simulations=simulations),
+            strategy=kind(seed=1),
+            terms=Terms(map_margin=40),
         )
 
     assert search(15).run().invalid == 0
@@ -536,7 +539,7 @@ def test_a_campaigns_margin_reaches_a_strategy_without_a_margin(
         return True
 
     strategy = kind(seed=1, is_valid=check)
-    strategy.keep_margin(40.0)
+    strategy.keep_map_margin(40.0)
     strategy.ask()
     assert len(asked) == 1
 

@@ -192,7 +192,7 @@ def test_a_campaign_goes_on_with_the_parts_that_it_was_made_with(
     ("term", "changed"),
     [
         ("map size", {"terms": Terms(map_size=150.0)}),
-        ("margin", {"terms": Terms(margin=5.0)}),
+        ("map_margin", {"terms": Terms(map_margin=5.0)}),
         ("lane width", {"terms": Terms(lane_width=3.5)}),
         ("conditions", {"terms": Terms(conditions={"noise": 0.1})}),
         ("max in flight", {"max_in_flight": 16}),

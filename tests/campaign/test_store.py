@@ -38,7 +38,7 @@ from frenetic.spec.terms import Setting
 
 pytest_plugins = ["campaign_fixtures"]
 
-SETTING = Setting(lane_width=4.0, map_size=200.0, margin=1.0, rules=Rules(), car=CarBody())
+SETTING = Setting(lane_width=4.0, map_size=200.0, map_margin=1.0, rules=Rules(), car=CarBody())
 CONFIG: dict[str, JSONValue] = {
     "strategy": "frenetic",
     "seed": 7,

@@ -247,11 +247,11 @@ def test_a_fitted_road_lies_in_the_map_with_its_curvatures() -> None:
         assert (fitted.step, fitted.lane_width) == (road.step, 5.0)
         assert fitted.road_points.min() >= 10.0 - 1e-6
         assert fitted.road_points.max() <= 190.0 + 1e-6
-        assert fitted.fitted(margin=9.9) is fitted
+        assert fitted.fitted(map_margin=9.9) is fitted
     longer = Road([0.0, 0.0, 0.0], 128.0)
     assert longer.fitted() is None
     assert longer.fitted(300.0) is not None
-    assert longer.fitted(margin=5.0) is not None
+    assert longer.fitted(map_margin=5.0) is not None
 
 
 def test_a_road_cannot_be_changed_and_makes_floats_of_any_numbers() -> None:
@@ -307,4 +307,4 @@ def test_a_road_fits_the_map_and_its_margin() -> None:
     longer = Road([0.0, 0.0, 0.0], 128.0)
     assert longer.fitted() is None
     assert longer.fitted(300.0) is not None
-    assert longer.fitted(margin=5.0) is not None
+    assert longer.fitted(map_margin=5.0) is not None

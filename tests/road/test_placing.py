@@ -16,8 +16,8 @@ from frenetic.road.placing import RigidMotion, fit_to_map
 
 FloatArray = npt.NDArray[np.float64]
 
-MAP, MARGIN = 200.0, 10.0
-ROOM = MAP - 2 * MARGIN
+MAP, MAP_MARGIN = 200.0, 10.0
+ROOM = MAP - 2 * MAP_MARGIN
 STAY = RigidMotion(0.0, 0.0, 0.0)
 
 
@@ -60,8 +60,8 @@ def smallest_of_many_squares(line: FloatArray, angles: int = 20_000) -> float:
 
 
 def assert_within_margins(line: FloatArray) -> None:
-    assert line.min() >= MARGIN - 1e-9
-    assert line.max() <= MAP - MARGIN + 1e-9
+    assert line.min() >= MAP_MARGIN - 1e-9
+    assert line.max() <= MAP - MAP_MARGIN + 1e-9
 
 
 @pytest.mark.parametrize("make", [random_road, shape])
@@ -94,7 +94,7 @@ def test_a_road_within_the_margins_stays_and_one_that_fits_unturned_is_centred()
     line = np.array([[10.0, 10.0], [190.0, 10.0], [190.0, 190.0], [100.0, 77.0]])
     assert fit_to_map(line) == STAY
     np.testing.assert_array_equal(STAY.apply(line), line)
-    assert fit_to_map(line, margin=10.001) is None
+    assert fit_to_map(line, map_margin=10.001) is None
     assert fit_to_map([[-5, 0], [15, 0], [15, 100]]) == RigidMotion(0.0, 95.0, 50.0)
     assert fit_to_map([[0.0, 0.0]]) == RigidMotion(0.0, 100.0, 100.0)
 
@@ -106,7 +106,7 @@ def test_a_narrow_rectangle_lies_across() -> None:
     needed = (a + b) / math.sqrt(2)
     assert fit_to_map(rectangle, map_size=needed + 20.001) is not None
     assert fit_to_map(rectangle, map_size=needed + 19.999) is None
-    assert fit_to_map(rectangle, margin=100.0) is None
+    assert fit_to_map(rectangle, map_margin=100.0) is None
     assert fit_to_map(rectangle.tolist()) == fit_to_map(np.asfortranarray(rectangle.astype(int)))
 
 
@@ -121,8 +121,8 @@ def test_a_narrow_rectangle_lies_across() -> None:
         ([[-1e308, 0.0], [1e308, 0.0]], {}, "longer than any"),
         ([[0.0, 0.0]], {"map_size": 0.0}, "map_size"),
         ([[0.0, 0.0]], {"map_size": math.inf}, "map_size"),
-        ([[0.0, 0.0]], {"margin": -1.0}, "margin"),
-        ([[0.0, 0.0]], {"margin": math.nan}, "margin"),
+        ([[0.0, 0.0]], {"map_margin": -1.0}, "map_margin"),
+        ([[0.0, 0.0]], {"map_margin": math.nan}, "map_margin"),
     ],
 )
 def test_mistakes_are_refused(points: Any, options: dict[str, float], message: str) -> None:
@@ -142,4 +142,4 @@ def test_any_points_are_fitted_or_too_large(points: list[tuple[float, float]]) -
         assert smallest_of_many_squares(line, 200) > ROOM
     else:
         assert_within_margins(motion.apply(line))
-        assert fit_to_map(motion.apply(line), margin=MARGIN - 1e-9) == STAY
+        assert fit_to_map(motion.apply(line), map_margin=MAP_MARGIN - 1e-9) == STAY

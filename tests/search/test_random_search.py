@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from frenetic._support.arrays import FloatArray
-from frenetic.road import MARGIN, Road
+from frenetic.road import MAP_MARGIN, Road
 from frenetic.road.classes import RoadClass, class_of, classes
 from frenetic.search import Frenetic, Frenetic2021, RandomSearch, Strategy
 from frenetic.search.random_search import RandomRoads, most_frequent
@@ -38,11 +38,11 @@ def test_the_number_of_values_follows_the_map(
 
 
 def test_roads_are_valid_on_the_map_by_default() -> None:
-    for margin in (None, 40.0):
+    for map_margin in (None, 40.0):
         search, plain = RandomSearch(seed=2), RandomSearch(seed=2, max_redraws=0)
-        if margin is not None:
-            search.keep_margin(margin)
-        least = MARGIN if margin is None else margin
+        if map_margin is not None:
+            search.keep_map_margin(map_margin)
+        least = MAP_MARGIN if map_margin is None else map_margin
         valid = [
             [Road(strategy.ask().curvatures, 10.0).placed(200.0, least)[1].valid for _ in range(30)]
             for strategy in (search, plain)

@@ -52,7 +52,7 @@ ENTRIES: dict[str, st.SearchStrategy[Any]] = {
     "roads": st.sampled_from(ROADS),
     "odd": st.sampled_from(DOMAINS),
     "map_size": positive,
-    "margin": st.floats(0.0, 1e3),
+    "map_margin": st.floats(0.0, 1e3),
     "lane_width": positive,
     "objective": texts.filter(bool),
     "simulations": counts,

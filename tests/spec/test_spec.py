@@ -26,7 +26,7 @@ from frenetic.criteria.criterion import CriteriaSet
 from frenetic.drivers import Planner
 from frenetic.errors import CampaignError, FreneticError
 from frenetic.rerun.rerun import rerun_with
-from frenetic.road import MAP_SIZE, MARGIN
+from frenetic.road import MAP_MARGIN, MAP_SIZE
 from frenetic.road.classes import RoadClass
 from frenetic.search import RandomSearch
 from frenetic.simulators import EmbeddedSimulator, Rules
@@ -82,7 +82,7 @@ def test_what_is_usual_is_what_the_parts_have() -> None:
     spec = Spec()
     assert spec.user_values == {}
     assert (spec.terms, spec.rules, spec.budget, spec.amounts) == (Terms(), Rules(), None, {})
-    assert (spec.terms.map_size, spec.terms.margin) == (MAP_SIZE, MARGIN)
+    assert (spec.terms.map_size, spec.terms.map_margin) == (MAP_SIZE, MAP_MARGIN)
     names = [spec.part(kind).name for kind in ("strategy", "driver", "simulator")]
     assert [*names, spec.named_objective] == ["frenetic", "planner", "embedded", "moobd"]
     assert Spec(criteria="after-iso-11270").named_objective == "criteria"
@@ -184,7 +184,7 @@ def test_later_sources_win(
 BEFORE_ROADS = {
     "speed_limit": 60.0,
     "map_size": 300.0,
-    "margin": 5.0,
+    "map_margin": 5.0,
     "lane_width": 3.0,
     "with": {"speed": 40.0, "delay": 0.1},
 }
@@ -204,7 +204,7 @@ def test_roads_bring_limit_map_and_lanes(
     spec = Spec.of(BEFORE_ROADS, roads)
     assert spec.rules.speed_limit == limit
     assert (spec.terms.map_size, spec.terms.lane_width) == (map_size, lane_width)
-    assert spec.terms.margin == 5.0
+    assert spec.terms.map_margin == 5.0
     assert spec.conditions == {"delay": 0.1}
     earlier_roads = Spec.of({"roads": "motorway-130"}, roads)
     assert earlier_roads.road_class == Spec.of(roads).road_class
@@ -253,7 +253,7 @@ def test_a_spec_is_its_driving_spec_and_the_rest(spec: Spec, has_roads: bool) ->
     assert driving.user_values.keys() <= {
         *("driver", "simulator", "conditions", "speed_limit", "oob_tolerance", "criteria"),
         "wall_limit",
-        *(() if has_roads else ("roads", "map_size", "margin", "lane_width")),
+        *(() if has_roads else ("roads", "map_size", "map_margin", "lane_width")),
     }
     both = {**driving.entries(), **rest.entries()}
     without_roads = {name: both[name] for name in both if name != "roads"}
@@ -359,7 +359,7 @@ WRONG: dict[str, tuple[dict[str, Any], str]] = {
     "fraction": ({"simulations": 1.5}, "simulations is 1.5: a whole number is needed"),
     "text": ({"speed_limit": "fast"}, "speed_limit is 'fast': a number is needed"),
     "infinite": ({"map_size": math.inf}, "map_size is inf: a number that is finite is needed"),
-    "no number": ({"margin": math.nan}, "margin is nan: a number >= 0 is needed"),
+    "no number": ({"map_margin": math.nan}, "map_margin is nan: a number >= 0 is needed"),
     "true": ({"seed": True}, "seed is True: a whole number is needed"),
     "time": ({"time": "soon"}, "'soon' is not a time: write 90s, 10m or 1h30m"),
     "workers": ({"workers": 5000}, "workers is 5000: at most 1024 are allowed"),
@@ -415,7 +415,7 @@ LINE = f"{SOURCE} is damaged: it does not say with what it was driven: "
     ("place", "value", "fault"),
     [
         ("map_size", 1e999, "Expected `float` <= "),
-        ("margin", -2.0, "Expected `float` >= 0.0 - at `$.margin`"),
+        ("map_margin", -2.0, "Expected `float` >= 0.0 - at `$.map_margin`"),
         ("max_in_flight", 0, "Expected `int` >= 1 - at `$.max_in_flight`"),
         ("workers", 1.5, "Expected `int | str`, got `float` - at `$.workers`"),
         ("conditions", {"delay": "long"}, "got `str` - at `$.conditions[...]`"),
@@ -494,7 +494,7 @@ def test_a_wrong_entry_of_a_roads_file_names_the_remedy(driven: object, text: st
 
 OTHER_TERMS: dict[str, dict[str, Any]] = {
     "map_size": {"map_size": 250.0},
-    "margin": {"margin": 20.0},
+    "map_margin": {"map_margin": 20.0},
     "lane_width": {"lane_width": 3.5},
     "road_class": {
         "roads": RoadClass.of("urban-50", {"length": 150}).as_json(),

@@ -413,7 +413,7 @@ def _random_roads(setting: Setting) -> list[Candidate]:
     """Draw `ROADS` roads as the strategy ``random`` does, always the same."""
     rng = np.random.default_rng(0)
     roads = RandomRoads(map_size=setting.map_size, road_class=setting.road_class)
-    roads.keep_margin(setting.margin)
+    roads.keep_map_margin(setting.map_margin)
     drawn = (roads.draw(rng) for _ in range(ROADS))
     return [
         Candidate(1, values, roads.step, Origin(RANDOM), grade=roads.grade(rng, values))

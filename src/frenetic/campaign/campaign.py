@@ -58,7 +58,7 @@ from frenetic.errors import CampaignError
 from frenetic.parts.registry import options_of
 from frenetic.parts.trust import is_here, unsigned_text
 from frenetic.parts.versions import package_versions
-from frenetic.road import MARGIN
+from frenetic.road import MAP_MARGIN
 from frenetic.search.strategy import Strategy
 from frenetic.simulators.capabilities import check_class
 from frenetic.simulators.conditions import check_pair_in
@@ -297,7 +297,7 @@ class Campaign(NotebookRepr):
         limit = self._allow(simulations)
         if not self.started:
             require_fresh(self.strategy)
-            self._keep_margin()
+            self._keep_map_margin()
             if not self.start_from and self.from_roads is None:
                 require_valid_roads(self.strategy)
         prepare(self.tester.simulator, is_here=isinstance(self.workers, int))
@@ -392,7 +392,7 @@ class Campaign(NotebookRepr):
             if self.budget is None:
                 self.budget = stored_budget(store)
             prepare(self.tester.simulator, is_here=isinstance(self.workers, int))
-            self._keep_margin()
+            self._keep_map_margin()
             self.start_from = earlier_of(store.config)
             earlier = earlier_evaluations(store, self.objective)
             max_in_flight = store.config["max_in_flight"]
@@ -407,10 +407,10 @@ class Campaign(NotebookRepr):
             state = SearchState(summary, outstanding, self._unreported)
             return self._search(LogEvent.RESUMED, store, state, None, on_event)
 
-    def _keep_margin(self) -> None:
+    def _keep_map_margin(self) -> None:
         """Have the strategy check roads with this campaign's margin."""
-        if (margin := self.tester.terms.margin) != MARGIN:
-            self.strategy.keep_margin(margin)
+        if (map_margin := self.tester.terms.map_margin) != MAP_MARGIN:
+            self.strategy.keep_map_margin(map_margin)
 
     def next_campaign(self) -> str:
         """Return the advice to start another campaign with the present parts."""

@@ -229,7 +229,7 @@ def fitted(candidate: Candidate, terms: Terms) -> tuple[Road | None, Verdict]:
     try:
         if points is None:
             road = candidate.road(terms.lane_width, road_class=terms.road_class)
-            return road.placed(terms.map_size, terms.margin, terms.road_class)
+            return road.placed(terms.map_size, terms.map_margin, terms.road_class)
         verdict = check_validity(points, terms.map_size)
         return road_through(points, terms.lane_width) if verdict.valid else None, verdict
     except RoadError as error:

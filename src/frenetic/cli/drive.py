@@ -169,7 +169,7 @@ def _of_campaign(
     instead = options.quantities(spec)
     roads = []
     for test in tests:
-        fitted, verdict = test.road.placed(terms.map_size, terms.margin, terms.road_class)
+        fitted, verdict = test.road.placed(terms.map_size, terms.map_margin, terms.road_class)
         name, conditions = f"{folder} {test.id}", without(test.candidate.conditions, *instead)
         road = fitted or test.road
         roads.append(Asked(name, road, verdict, test, config, conditions=conditions))

@@ -166,7 +166,7 @@ def campaign_tester(store: CampaignStore, spec: Spec) -> RoadTester:
         FreneticError: a part cannot be made.
     """
     setting = store.setting
-    terms = replace(spec.terms, map_size=setting.map_size, margin=setting.margin)
+    terms = replace(spec.terms, map_size=setting.map_size, map_margin=setting.map_margin)
     terms = replace(terms, lane_width=setting.lane_width, road_class=setting.road_class)
     terms, rules = replace(terms, domain=setting.domain), recorded_rules(store, spec)
     tester = RoadTester.of(spec, terms, rules)

@@ -1,13 +1,13 @@
 """Roads from curvature: their geometry, fitting the map, validity and lanes."""
 
-from frenetic.road.placing import MARGIN, fit_to_map
+from frenetic.road.placing import MAP_MARGIN, fit_to_map
 from frenetic.road.road import BEHAVIOUR, Pose, Road
 from frenetic.road.validity import MAP_SIZE, Verdict, check_validity
 
 __all__ = [
     "BEHAVIOUR",
+    "MAP_MARGIN",
     "MAP_SIZE",
-    "MARGIN",
     "Pose",
     "Road",
     "Verdict",

@@ -29,9 +29,9 @@ from frenetic.road.validity import MAP_SIZE, as_points
 if TYPE_CHECKING:
     import numpy.typing as npt
 
-__all__ = ["MARGIN", "RigidMotion", "fit_to_map"]
+__all__ = ["MAP_MARGIN", "RigidMotion", "fit_to_map"]
 
-MARGIN: Final = 10.0
+MAP_MARGIN: Final = 10.0
 """Distance of a road's centre line from the map's edge, in m: half its width and some air."""
 
 _QUARTER: Final = math.pi / 2  # [rad]
@@ -60,31 +60,31 @@ class RigidMotion:
 
 
 def fit_to_map(
-    points: npt.ArrayLike, map_size: float = MAP_SIZE, margin: float = MARGIN
+    points: npt.ArrayLike, map_size: float = MAP_SIZE, map_margin: float = MAP_MARGIN
 ) -> RigidMotion | None:
     """Return how to move a road so that it lies in the map, None if it fits in no pose.
 
-    A road within the margins stays in place. One that fits without turning is centred in the map.
+    A road within the margin stays in place. One that fits without turning is centred in the map.
     Any other is turned by the angle in (-45, 45] degrees at which its bounding box needs the
     smallest square, and centred. So a moved road ends up in the same place wherever it lay. It is
-    within the margins up to rounding.
+    within the margin up to rounding.
 
     Takes O(N log N) time.
 
     Args:
         points: (N, 2) the road's centre line in m, dense enough to stand for the curve (2 m).
         map_size: The map is the square [0, map_size]^2, in m.
-        margin: Distance of the centre line from the map's border in m: half the road's width and
-            some air.
+        map_margin: Distance of the centre line from the map's border in m: half the road's width
+            and some air.
 
     Raises:
-        RoadError: There are no points, they are not finite pairs of numbers, the map has no size or
+        RoadError: There are no points, they are not finite pairs of numbers, the map has no size, or
             the margin is negative.
     """
     if not 0.0 < map_size < math.inf:
         raise RoadError(f"map_size is {map_size!r}, but must be a positive number of metres")
-    if not 0.0 <= margin < math.inf:
-        raise RoadError(f"margin is {margin!r}, but must be a number of metres, at least 0")
+    if not 0.0 <= map_margin < math.inf:
+        raise RoadError(f"map_margin is {map_margin!r}, but must be a number of metres, at least 0")
     line = as_points(points)
     if len(line) == 0:
         raise RoadError("there are no points to fit to the map; a road has at least one")
@@ -92,10 +92,10 @@ def fit_to_map(
     if math.inf in (high_x - low_x, high_y - low_y):
         raise RoadError("the road is longer than any number of metres")
 
-    room = map_size - 2.0 * margin
+    room = map_size - 2.0 * map_margin
     if room <= 0.0:
         return None
-    if margin <= min(low_x, low_y) and max(high_x, high_y) <= map_size - margin:
+    if map_margin <= min(low_x, low_y) and max(high_x, high_y) <= map_size - map_margin:
         return RigidMotion(0.0, 0.0, 0.0)
     rotation = 0.0
     if max(high_x - low_x, high_y - low_y) > room:

@@ -13,7 +13,7 @@ from frenetic._support.arrays import FloatArray
 from frenetic.errors import RoadError
 from frenetic.road import geometry, profile
 from frenetic.road.from_points import curvature_from_points
-from frenetic.road.placing import MARGIN, fit_to_map
+from frenetic.road.placing import MAP_MARGIN, fit_to_map
 from frenetic.road.validity import (
     MAP_SIZE,
     RoadRules,
@@ -317,18 +317,18 @@ class Road:
         result: FloatArray = geometry.track(self.table, self.sub_step, xy)
         return result
 
-    def fitted(self, map_size: float = MAP_SIZE, margin: float = MARGIN) -> Road | None:
+    def fitted(self, map_size: float = MAP_SIZE, map_margin: float = MAP_MARGIN) -> Road | None:
         """Return this road moved and, if needed, rotated into the map [0, map_size]^2.
 
         Args:
             map_size: side of the map, in m.
-            margin: least distance of the centre line from the map's edge, in m.
+            map_margin: least distance of the centre line from the map's edge, in m.
 
         Returns:
             The road in its new place; the road itself if it lies inside already; None if no pose
             fits.
         """
-        motion = fit_to_map(self.road_points, map_size, margin)
+        motion = fit_to_map(self.road_points, map_size, map_margin)
         if motion is None:
             return None
         if motion.rotation == motion.dx == motion.dy == 0.0:
@@ -339,14 +339,14 @@ class Road:
     def placed(
         self,
         map_size: float = MAP_SIZE,
-        margin: float = MARGIN,
+        map_margin: float = MAP_MARGIN,
         road_class: RoadRules | None = None,
     ) -> tuple[Road | None, Verdict]:
         """Return this road fitted into the map, and the verdict on it there.
 
         Args:
             map_size: side of the map, in m.
-            margin: least distance of the centre line from the map's edge, in m.
+            map_margin: least distance of the centre line from the map's edge, in m.
             road_class: class whose rules replace the competition's.
 
         Returns:
@@ -355,8 +355,8 @@ class Road:
         has_profiles = any(len(getattr(self, name)) for name in profile.NAMES)
         if road_class is None and self.pose == START and not has_profiles:
             shape = self.curvatures.tobytes(), self.step, self.lane_width
-            return _placed_again(*shape, map_size, margin)
-        return _placed(self, map_size, margin, road_class)
+            return _placed_again(*shape, map_size, map_margin)
+        return _placed(self, map_size, map_margin, road_class)
 
     def as_text(self) -> str:
         """Return length, least radius, and largest grade, superelevation and widening in words."""
@@ -469,9 +469,9 @@ def _metres(value: float, name: str, least: float, most: float) -> float:
 
 
 def _placed(
-    road: Road, map_size: float, margin: float, road_class: RoadRules | None
+    road: Road, map_size: float, map_margin: float, road_class: RoadRules | None
 ) -> tuple[Road | None, Verdict]:
-    fitted = road.fitted(map_size, margin)
+    fitted = road.fitted(map_size, map_margin)
     if fitted is None:
         return None, Verdict(
             False, f"The road does not fit the map of {map_size:g} m in any direction"
@@ -481,8 +481,8 @@ def _placed(
 
 @lru_cache(maxsize=64)
 def _placed_again(
-    curvatures: bytes, step: float, lane_width: float, map_size: float, margin: float
+    curvatures: bytes, step: float, lane_width: float, map_size: float, map_margin: float
 ) -> tuple[Road | None, Verdict]:
     """Return `_placed` of a flat road at `START`; cached, as a search and its campaign both ask."""
     road = Road(np.frombuffer(curvatures), step, lane_width=lane_width)
-    return _placed(road, map_size, margin, None)
+    return _placed(road, map_size, map_margin, None)

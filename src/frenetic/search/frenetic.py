@@ -207,12 +207,12 @@ class Frenetic(Strategy):
         self._earlier = EarlierRoads()
         self._real_roads: deque[Candidate] = deque()  # stretches that were not proposed
 
-    def keep_margin(self, margin: float) -> None:
-        """Take only roads for valid that keep so many m from the map's edge.
+    def keep_map_margin(self, map_margin: float) -> None:
+        """Refuse roads that come nearer to the map's edge than `map_margin`, in m.
 
         An `is_valid` of your own stays as it is.
         """
-        self._is_valid.keep_margin(margin)
+        self._is_valid.keep_map_margin(map_margin)
 
     def require_valid_roads(self) -> None:
         """Refuse options with which no road is valid, see `RandomRoads.require_valid_roads`."""

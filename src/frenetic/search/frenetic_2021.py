@@ -215,12 +215,12 @@ class Frenetic2021(Strategy):
         self._failed_siblings: dict[int, list[int]] = {}
         self._proposals = self._listing_1()
 
-    def keep_margin(self, margin: float) -> None:
+    def keep_map_margin(self, map_margin: float) -> None:
         """Take only roads for valid that keep so many m from the map's edge.
 
         An `is_valid` of your own stays as it is.
         """
-        self._roads.keep_margin(margin)
+        self._roads.keep_map_margin(map_margin)
 
     def require_valid_roads(self) -> None:
         """Refuse options with which no road is valid, see `RandomRoads.require_valid_roads`."""

@@ -17,7 +17,7 @@ from frenetic._support.bounds import Index, Positive
 from frenetic.conditions.domain import Domain
 from frenetic.criteria.criterion import LANE
 from frenetic.errors import RoadError
-from frenetic.road import MAP_SIZE, MARGIN, Road, profile
+from frenetic.road import MAP_MARGIN, MAP_SIZE, Road, profile
 from frenetic.road.classes import RoadClass
 from frenetic.road.conforming import conform
 from frenetic.road.validity import check_layout
@@ -83,11 +83,11 @@ class MapCheck:
         self._map_size = map_size
         self._is_valid = is_valid
         self._road_class = road_class
-        self._margin = MARGIN
+        self._map_margin = MAP_MARGIN
 
-    def keep_margin(self, margin: float) -> None:
+    def keep_map_margin(self, map_margin: float) -> None:
         """Have centre lines keep so many m from the map's edge."""
-        self._margin = margin
+        self._map_margin = map_margin
 
     @property
     def rules(self) -> MapCheck | None:
@@ -106,8 +106,8 @@ class MapCheck:
         try:
             road = Road(curvatures, step)
             if self._road_class is None:
-                return road.placed(self._map_size, self._margin)[1].message
-            fitted = road.fitted(self._map_size, self._margin)
+                return road.placed(self._map_size, self._map_margin)[1].message
+            fitted = road.fitted(self._map_size, self._map_margin)
         except RoadError as error:
             return str(error)
         if fitted is None:
@@ -121,8 +121,8 @@ class MapCheck:
         try:
             road = Road(curvatures, step)
             if self._road_class is None:
-                return road.placed(self._map_size, self._margin)[1].valid
-            fitted = road.fitted(self._map_size, self._margin)
+                return road.placed(self._map_size, self._map_margin)[1].valid
+            fitted = road.fitted(self._map_size, self._map_margin)
         except RoadError:
             return False
         return fitted is not None and check_layout(fitted.road_points, self._map_size).valid
@@ -185,9 +185,9 @@ class RandomRoads:
         self._is_valid = MapCheck(map_size, is_valid, road_class)
         self._max_redraws = max_redraws
 
-    def keep_margin(self, margin: float) -> None:
-        """Check roads with a margin of so many m, unless an `is_valid` replaces the check."""
-        self._is_valid.keep_margin(margin)
+    def keep_map_margin(self, map_margin: float) -> None:
+        """Check roads with a map margin, in m, unless an `is_valid` replaces the check."""
+        self._is_valid.keep_map_margin(map_margin)
 
     def require_valid_roads(self) -> None:
         """Refuse options with which hardly a random road is valid; a user's check is not asked.
@@ -472,12 +472,12 @@ class RandomSearch(Strategy):
         self._ledger = Ledger()
         self._rests = RoadContinuations(road_class)
 
-    def keep_margin(self, margin: float) -> None:
+    def keep_map_margin(self, map_margin: float) -> None:
         """Take only roads for valid that keep so many m from the map's edge.
 
         An `is_valid` of your own stays as it is.
         """
-        self._roads.keep_margin(margin)
+        self._roads.keep_map_margin(map_margin)
 
     def require_valid_roads(self) -> None:
         """Refuse options with which no road is valid, see `RandomRoads.require_valid_roads`."""

@@ -101,10 +101,10 @@ class Strategy(ABC):
         """
         return True
 
-    def keep_margin(self, margin: float) -> None:  # noqa: B027 - most check no roads
-        """Take only roads for valid whose centre line keeps ``margin`` m from the map's edge.
+    def keep_map_margin(self, map_margin: float) -> None:  # noqa: B027 - most check no roads
+        """Take only roads for valid whose centre line keeps ``map_margin`` m from the map's edge.
 
-        A campaign with another margin than the usual one calls it before it asks for a road. A
+        A campaign with another map margin than the usual one calls it before it asks for a road. A
         strategy that checks no roads ignores it.
         """
 

@@ -98,7 +98,7 @@ class RunEntries(
     map_size: Annotated[Positive | None, _about("m, side of the map. [default: 200]", "FLOAT")] = (
         None
     )
-    margin: NotNegative | None = None
+    map_margin: NotNegative | None = None
     """Distance of a road's centre line from the map's edge, in m."""
     lane_width: Positive | None = None
     """Width of each lane, in m."""

@@ -442,7 +442,7 @@ _DRIVING: Final = (
     "wall_limit",
 )
 """Entries about how roads are driven."""
-_TERMS: Final = ("map_size", "margin", "lane_width")
+_TERMS: Final = ("map_size", "map_margin", "lane_width")
 """Entries that `Terms` has by the same names; they do not count for roads that exist."""
 _LIMITS: Final = ("simulations", "time", "failures")
 """Entries that are limits of the budget."""

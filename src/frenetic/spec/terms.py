@@ -13,7 +13,7 @@ from frenetic._support.scalars import take_numpy_scalars, without_numpy
 from frenetic.conditions.condition import require_allowed
 from frenetic.conditions.domain import Domain
 from frenetic.oracle.drive import CarBody, Rules
-from frenetic.road import MAP_SIZE, MARGIN
+from frenetic.road import MAP_MARGIN, MAP_SIZE
 from frenetic.road.classes import RoadClass
 from frenetic.road.road import MAX_COORDINATE, checked_lane_width
 from frenetic.simulators.conditions import check_conditions, rules_in
@@ -30,7 +30,7 @@ class Terms:
 
     map_size: Positive = MAP_SIZE
     """Side of the square map into which roads are fitted, in m."""
-    margin: NotNegative = MARGIN
+    map_margin: NotNegative = MAP_MARGIN
     """Distance that a road's centre line keeps from the map's edge, in m."""
     lane_width: Positive = 4.0
     """Width of each of the two lanes, in m."""
@@ -46,10 +46,10 @@ class Terms:
         object.__setattr__(self, "conditions", without_numpy(self.conditions))
         check(vars(self), Terms)
         checked_lane_width(self.lane_width)
-        if not self.map_size > 2.0 * self.margin:
+        if not self.map_size > 2.0 * self.map_margin:
             raise ValueError(
                 f"map_size is {self.map_size:g}: more than twice the margin of"
-                f" {self.margin:g} m is needed"
+                f" {self.map_margin:g} m is needed"
             )
         if self.map_size > MAX_COORDINATE:
             raise ValueError(
@@ -71,7 +71,7 @@ class Terms:
         return {**self.conditions, **conditions}
 
 
-_RECORDED: Final = ("lane_width", "map_size", "margin")
+_RECORDED: Final = ("lane_width", "map_size", "map_margin")
 """Entries that each record of a setting has, though terms in Python may leave them out."""
 
 

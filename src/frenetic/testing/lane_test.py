@@ -225,7 +225,9 @@ class _Check:
         paths = sorted(self.folder.glob(f"{self.stem}-????????.json"))
         for path in paths:
             loaded = read_road(path).road()
-            road, verdict = loaded.placed(terms.map_size, terms.margin, road_class=terms.road_class)
+            road, verdict = loaded.placed(
+                terms.map_size, terms.map_margin, road_class=terms.road_class
+            )
             if road is None or not verdict.valid:
                 self._notice(f"{path} is not driven: {verdict.message}")
                 continue

@@ -270,7 +270,7 @@ def test_a_bench_is_a_file_and_every_bench_keeps_one(frenetic: Frenetic, wiggly:
         ("objective = 'x.py:f'", ["names the objective 'x.py:f'"]),
         ("strategy = ['x.py:Mine']", ["names the strategy 'x.py:Mine'"]),
         ("driver = 'x.py:Mine'", ["names the driver 'x.py:Mine'"]),
-        ("margin = 3.0", ["there is no entry 'margin'"]),
+        ("map_margin = 3.0", ["there is no entry 'map_margin'"]),
     ],
 )
 def test_mistakes_in_a_file(frenetic: Frenetic, text: str, words: list[str]) -> None:
