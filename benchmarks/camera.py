@@ -1,4 +1,4 @@
-"""Cost of a camera's picture, and of each layer over the driver.
+"""Cost of a camera's picture, and of each wrapper over the driver.
 
 Processor time in ms, the least of several rounds, since other programs disturb it; beside a drive
 of the default driver along the same road, without a camera.
@@ -55,13 +55,13 @@ def main() -> None:
         print(f"  {name:<12} {cost:.3f} ms")
     laying = least(lambda: CameraRenderer(ROAD, camera), 5)
     print(f"\nthe road's table for one drive  {laying:.3f} ms")
-    print("\na layer over the driver")
+    print("\na wrapper over the driver")
     image = CameraRenderer(ROAD, camera).draw(*places[5])
     nothing = np.empty((0, 2))
     moment = Observation(1.0, 15.0, 0.3, 0.0, 0.0, 0.0, nothing, np.empty(0), 0.0, image)
     for name, amount in AMOUNTS.items():
-        layer = appearance.ALL[name](driver, amount)
-        cost = least(lambda layer=layer: layer.alter(image, moment), 10)  # type: ignore[misc]
+        wrapper = appearance.ALL[name](driver, amount)
+        cost = least(lambda wrapper=wrapper: wrapper.alter(image, moment), 10)  # type: ignore[misc]
         print(f"  {name:<12} {cost:.3f} ms")
     with EmbeddedSimulator() as simulator:
         steps = len(simulator.drive(ROAD, driver).trajectory)

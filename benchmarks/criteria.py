@@ -150,29 +150,29 @@ def again(road: Road, drive: Drive, profile: CriteriaSet, rooms: list[float]) ->
     for criterion in profile.criteria:
         k = round(criterion.window / dt)
         values: list[float] = []
-        if criterion.quantity == "lateral_acceleration":
+        if criterion.signal == "lateral_acceleration":
             values = [abs(a) for a in across]
-        elif criterion.quantity == "lateral_jerk":
+        elif criterion.signal == "lateral_jerk":
             values = [
                 abs(b - a) / criterion.window for a, b in zip(across, across[k:], strict=False)
             ]
-        elif criterion.quantity == "deceleration":
+        elif criterion.signal == "deceleration":
             values = [-a for a in along]
-        elif criterion.quantity == "speed_excess":
+        elif criterion.signal == "speed_excess":
             values = [3.6 * v - drive.rules.speed_limit for v in speed]
-        elif criterion.quantity == "sway":
+        elif criterion.signal == "sway":
             offsets = assess(road, drive).lateral_offset.tolist()
             values = [
                 max(offsets[max(0, i - k) : i + 1]) - min(offsets[max(0, i - k) : i + 1])
                 for i in range(n)
             ]
-        elif criterion.quantity == "edge_distance":
+        elif criterion.signal == "edge_distance":
             values = [-room for room in rooms]
         else:
-            raise AssertionError(criterion.quantity)
-        limit = -criterion.limit if signal_named(criterion.quantity).is_least else criterion.limit
+            raise AssertionError(criterion.signal)
+        limit = -criterion.limit if signal_named(criterion.signal).is_least else criterion.limit
         if values and max(values) > limit:
-            broke.add(criterion.quantity)
+            broke.add(criterion.signal)
     return broke
 
 

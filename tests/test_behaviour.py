@@ -39,7 +39,7 @@ from frenetic.testing import DummyDriver, DummySimulator, converse
 
 RECORDED: Final = Path(__file__).with_name("behaviour.json")
 NOT_RECORDED: Final = {"simulator beamng"}
-"""What needs a licensed program to behave at all; its layer above is tested with a stand-in."""
+"""What needs a licensed program to behave at all; its wrapper above is tested with a stand-in."""
 OVER_ANOTHER: Final = {"foresight"}
 """A strategy over another, with a fit that every machine rounds otherwise."""
 CURVATURES: Final = (
@@ -111,7 +111,7 @@ def of_rules() -> list[float]:
 
 
 def of_picture(driver: Any) -> list[float]:
-    """Mean colours of parts of a picture that the driver's camera sees through its layer."""
+    """Mean colours of parts of a picture that the driver's camera sees through its wrapper."""
     seen: list[Any] = []
     driver.driver.act = lambda observation: seen.append(observation.image)
     one = roads()[0]
@@ -156,16 +156,16 @@ def probes() -> dict[str, tuple[str, Callable[[], list[float]]]]:
             )
             continue
         known[f"driver {name}"] = version(driver), drives(where, driver)
-    for layer in [row for row in known_conditions().values() if row.layer]:
-        amount = 15.0 if layer.nothing == math.inf else 0.2
-        if layer.name in appearance.ALL:
-            seeing = layer.layer_class().over(
-                MarkingFollower(), 5.0 if layer.name in ("scene", "rain") else amount
+    for wrapper in [row for row in known_conditions().values() if row.wrapper]:
+        amount = 15.0 if wrapper.nothing == math.inf else 0.2
+        if wrapper.name in appearance.ALL:
+            seeing = wrapper.wrapper_class().over(
+                MarkingFollower(), 5.0 if wrapper.name in ("scene", "rain") else amount
             )
-            known[f"layer {layer.name}"] = version(seeing), lambda d=seeing: of_picture(d)  # type: ignore[misc]
+            known[f"wrapper {wrapper.name}"] = version(seeing), lambda d=seeing: of_picture(d)  # type: ignore[misc]
             continue
-        driver = layer.layer_class().over(Planner(), amount)
-        known[f"layer {layer.name}"] = version(driver), drives("embedded", driver)
+        driver = wrapper.wrapper_class().over(Planner(), amount)
+        known[f"wrapper {wrapper.name}"] = version(driver), drives("embedded", driver)
     for name in SIMULATORS.built_in:
         if f"simulator {name}" not in NOT_RECORDED:
             simulator = SIMULATORS.make(name)
@@ -214,7 +214,7 @@ def targets() -> Iterator[str]:
         for name, (target, _) in registry.built_in.items():
             if name not in OVER_ANOTHER:
                 yield target
-    yield from (row.layer for row in known_conditions().values() if row.layer)
+    yield from (row.wrapper for row in known_conditions().values() if row.wrapper)
 
 
 def record() -> None:

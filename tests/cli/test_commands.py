@@ -64,7 +64,7 @@ CALLS: Final = {
     "bench --strategy random --simulations 3 --repeats 1 --workers 1 --out b": (
         "groups measures notes order runs"
     ),
-    "list": "drivers objectives quantities simulators strategies",
+    "list": "drivers objectives conditions simulators strategies",
     "list simulators": "name target origin summary lays",
     "doctor --simulator embedded": "simulator health checks note",
 }
@@ -127,7 +127,7 @@ MISTAKES: Final = [
     ("doctor --simulator friction=0.2", "needs a name before"),
     ("rerun nowhere", "nowhere does not exist"),
     ("rerun c {failing} --top 2", "exclude each other"),
-    ("rerun c --vary mass=1:2", "unknown quantity 'mass'", "friction, wet"),
+    ("rerun c --vary mass=1:2", "unknown condition 'mass'", "friction, wet"),
     ("rerun c --out c", "holds another campaign: choose another place with --out"),
     ("rerun c --junit no/such/a.xml", "no folder"),
     ("rerun c --junit folder", "--junit", "folder cannot be written: Is a directory"),
@@ -301,7 +301,7 @@ LISTED: Final = {
     "strategies": ["frenetic", "frenetic-2021", "random"],
     "simulators": ["embedded"],
     "objectives": ["moobd"],
-    "quantities": ["friction", "wet", "wet_at", "gust"],
+    "conditions": ["friction", "wet", "wet_at", "gust"],
 }
 
 

@@ -123,14 +123,14 @@ class Own(Planner):
     def act(self, observation):
         return super().act(observation)
 
-class Layered(Delayed):
+class Wrapped(Delayed):
     def __init__(self):
         super().__init__(Own(), seconds=0.05)
 """
-"""A driver that notes where it drives, and a layer of the same file over it."""
+"""A driver that notes where it drives, and a wrapper of the same file over it."""
 
 
-@pytest.mark.parametrize("name", ["Own", "Layered"])
+@pytest.mark.parametrize("name", ["Own", "Wrapped"])
 def test_one_object_drives_all_roads_in_another_process(frenetic: Frenetic, name: str) -> None:
     Path("where.py").write_text(WHERE, encoding="utf-8")
     run = ("run", "--simulations", "4", "--seed", "1", "--strategy", "random", "--workers", "1")

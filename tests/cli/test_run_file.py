@@ -143,7 +143,7 @@ WRONG = {
     "map_size = inf": "map_size is inf: a number that is finite is needed",
     "time = 'soon'": "'soon' is not a time",
     "driver = 'planner,aggression'": "'aggression' is not OPTION=VALUE",
-    "[with]\nfogg = 3": "unknown quantity 'fogg'; did you mean 'fog'?",
+    "[with]\nfogg = 3": "unknown condition 'fogg'; did you mean 'fog'?",
     "[with]\nfog = 'thick'": "with is {'fog': 'thick'}: a number is needed",
     "oob_tolerance = 0": "oob_tolerance is 0: a number > 0 is needed",
     "roads = 'rural-81'": "there is no road class 'rural-81': choose",

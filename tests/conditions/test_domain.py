@@ -53,7 +53,7 @@ def test_a_file_describes_a_domain(path: Path) -> None:
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        ("[conditions]\ngrip = 1", "unknown quantity 'grip'"),
+        ("[conditions]\ngrip = 1", "unknown condition 'grip'"),
         ("[conditions]\nfriction = 9", "friction is from 9 to 9: 0.01 to 1.5 is needed"),
         ("[conditions]\nfriction = {low = 1}", "friction: .*high"),
         ("[conditions]\nfriction = {low = 1, high = 0.5}", "low is 1: at most high"),

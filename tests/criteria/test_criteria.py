@@ -1,4 +1,4 @@
-"""Criteria: their quantities against closed forms, scipy and shapely, profiles, and verdicts."""
+"""Criteria: their signals against closed forms, scipy and shapely, profiles, and verdicts."""
 
 from __future__ import annotations
 
@@ -237,7 +237,7 @@ def test_a_window_between_two_records_is_interpolated() -> None:
 
 
 def test_limits_agree_with_the_published_ones() -> None:
-    limits = {criterion.quantity: criterion for criterion in ISO.criteria}
+    limits = {criterion.signal: criterion for criterion in ISO.criteria}
     # As opendbc has them: ISO_LATERAL_ACCEL, ISO_LATERAL_JERK and JERK_MEAS_T.
     assert (limits["lateral_acceleration"].limit, limits["lateral_jerk"].limit) == (3.0, 5.0)
     assert limits["lateral_jerk"].window == 0.5
@@ -269,7 +269,7 @@ def test_criteria_from_a_file(tmp_path: Path) -> None:
 
 def test_limits_in_options_replace_the_limits_of_a_profile() -> None:
     criteria = read_criteria("after-iso-11270,lateral_jerk=4,duration=60")
-    limits = {criterion.quantity: criterion for criterion in criteria.criteria}
+    limits = {criterion.signal: criterion for criterion in criteria.criteria}
     assert (limits["lateral_jerk"].limit, limits["lateral_jerk"].window) == (4.0, 0.5)
     assert limits["duration"].clause == "as given"
     assert limits["lateral_acceleration"] == ISO.criteria[1]
@@ -284,7 +284,7 @@ def test_limits_in_options_replace_the_limits_of_a_profile() -> None:
     ("text", "words"),
     [
         ("iso", "there are no criteria 'iso': choose competition, after-iso-11270"),
-        ("after-iso-11270,jerk=4", "there is no quantity jerk: choose from edge_distance"),
+        ("after-iso-11270,jerk=4", "there is no signal jerk: choose from edge_distance"),
         ("after-iso-11270,lateral_jerk=nan", "lateral_jerk is nan"),
         ("missing.toml", "missing.toml"),
     ],
@@ -304,7 +304,7 @@ def test_mistakes_are_named(text: str, words: str) -> None:
             "contains unknown field `windows`",
         ),
         ("lateral_jerk = {limit = 1, window = -1}", "window is -1"),
-        ("sideways = 1", "there is no quantity sideways"),
+        ("sideways = 1", "there is no signal sideways"),
         ("lateral_jerk =", "says no criteria"),
         ("about = 1", "about is 1"),
     ],
@@ -358,7 +358,7 @@ def test_a_drive_shorter_than_the_window_has_no_mean() -> None:
     road = Road(np.zeros(3))
     drive = along(road, 10.0)
     assert measure_criteria(road, drive, [Criterion("lateral_jerk", 5.0, 60.0)]) == []
-    names = [row["quantity"] for row in measures_json(road, drive)]
+    names = [row["signal"] for row in measures_json(road, drive)]
     assert names == list(SIGNALS)
 
 

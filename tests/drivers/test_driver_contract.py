@@ -41,7 +41,7 @@ class TestMarkingFollower(DriverContract):
         return MarkingFollower()
 
 
-class TestLayers(DriverContract):
+class TestWrappers(DriverContract):
     def make(self) -> Driver:
         return Delayed(Noisy(LimitedView(Stanley())), seconds=0.1)
 

@@ -279,7 +279,7 @@ def test_a_driver_that_only_steers_gets_the_built_in_speed_and_pedals(
 
 
 def errors_seen(driver: Noisy, recorder: Recorder, n: int) -> FloatArray:
-    """(n, 2) errors in offset and heading that a recorder under the layer sees."""
+    """(n, 2) errors in offset and heading that a recorder under the wrapper sees."""
     driver.reset(SETUP)
     for _ in range(n):
         driver.act(observation(lateral_offset=0.7, heading_error=-0.2))
@@ -380,25 +380,25 @@ def test_a_limited_view_has_the_next_points_only(distance: float, rows: int) -> 
     assert (view.speed, view.lateral_offset) == (real.speed, real.lateral_offset)
 
 
-def test_layers_tell_their_options() -> None:
+def test_wrappers_tell_their_options() -> None:
     noisy = Noisy(Planner(), offset=0.2, heading=0.02, correlation_time=2.0, seed=3)
     noisy.reset(SETUP)
     assert noisy.options == {"offset": 0.2, "heading": 0.02, "correlation_time": 2.0, "seed": 3}
 
 
 @pytest.mark.parametrize("make", BUILT_IN)
-def test_layers_commute(make: Callable[..., Driver]) -> None:
-    layers: list[Callable[[Driver], Driver]] = [
+def test_wrappers_commute(make: Callable[..., Driver]) -> None:
+    wrappers: list[Callable[[Driver], Driver]] = [
         lambda driver: Noisy(driver, offset=0.3, heading=0.05, seed=6),
         lambda driver: Delayed(driver, seconds=0.15),
         lambda driver: LimitedView(driver, distance=14.0),
     ]
     observations = [random_observation(seed) for seed in range(20)]
     answers = []
-    for order in itertools.permutations(layers):
+    for order in itertools.permutations(wrappers):
         driver: Driver = make()
-        for layer in order:
-            driver = layer(driver)
+        for wrapper in order:
+            driver = wrapper(driver)
         driver.reset(SETUP)
         answers.append([driver.act(observation) for observation in observations])
     assert all(answer == answers[0] for answer in answers)
@@ -406,7 +406,7 @@ def test_layers_commute(make: Callable[..., Driver]) -> None:
 
 
 @pytest.mark.parametrize(
-    ("layer", "options", "message"),
+    ("wrapper", "options", "message"),
     [
         (Noisy, {"offset": -0.1}, "offset is -0.1: a number >= 0 is needed"),
         (Noisy, {"heading": math.nan}, "heading is nan: a number >= 0 is needed"),
@@ -420,10 +420,10 @@ def test_layers_commute(make: Callable[..., Driver]) -> None:
     ],
 )
 def test_bad_amounts_are_refused_by_name(
-    layer: Callable[..., Driver], options: dict[str, float], message: str
+    wrapper: Callable[..., Driver], options: dict[str, float], message: str
 ) -> None:
     with pytest.raises(ValueError) as caught:
-        layer(Planner(), **options)
+        wrapper(Planner(), **options)
     assert str(caught.value) == message
 
 
@@ -434,11 +434,11 @@ class MyPlanner(Planner):
     pass
 
 
-class MyLayer(Delayed):
+class MyWrapper(Delayed):
     pass
 
 
-def test_one_layer_of_each_kind_is_compiled_in() -> None:
+def test_one_wrapper_of_each_kind_is_compiled_in() -> None:
     noisy = Noisy(LimitedView(Delayed(Stanley(), seconds=0.2), distance=20.0), seed=7)
     form = compiled_form(noisy, 0.05)
     assert form is not None
@@ -456,8 +456,8 @@ def test_one_layer_of_each_kind_is_compiled_in() -> None:
         MyPlanner(),
         Noisy(MyPlanner()),
         Noisy(Recorder()),
-        MyLayer(Planner()),
-        Noisy(MyLayer(Planner())),
+        MyWrapper(Planner()),
+        Noisy(MyWrapper(Planner())),
         Noisy(Noisy(Planner())),
         Delayed(Noisy(Delayed(Planner()))),
         LimitedView(LimitedView(Planner())),

@@ -35,11 +35,11 @@ class Keeping:
 
 
 def observations_on(
-    road: Road, layer: Callable[[Driver], Driver] = lambda driver: driver
+    road: Road, wrapper: Callable[[Driver], Driver] = lambda driver: driver
 ) -> list[Observation]:
     driver = Keeping()
     simulator = EmbeddedSimulator(start_offset=0.4, start_heading=-0.1)
-    assert simulator.drive(road, layer(driver)).trouble is None
+    assert simulator.drive(road, wrapper(driver)).trouble is None
     assert len(driver.observations) > 100
     return driver.observations[::20]
 

@@ -190,7 +190,9 @@ def test_different_objects_as_arguments_make_different_records(place: Path) -> N
     assert described(record_of) == [f"{__name__}:record_of"]
 
 
-def test_layers_and_built_in_parts_have_declared_versions(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_wrappers_and_own_parts_have_declared_versions(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     before = describe(load_driver("planner", delay=0.1))
     assert (short_version(before), sources_of(Planner())) == ("version 1", {})
     monkeypatch.setattr(Planner, "BEHAVIOUR", 2)

@@ -119,9 +119,9 @@ def test_only_conditions_that_matter_are_named() -> None:
     worlds = draw_conditions(ranges, 20, 1)
     repeats = of_worlds(worlds, ranges, verdict=lambda w: w["friction"] - 0.93)
     first, second = repeats.influences
-    assert (first.quantity, first.matters) == ("friction", True)
+    assert (first.condition, first.matters) == ("friction", True)
     assert first.spearman > 0.8
-    assert (second.quantity, second.matters) == ("delay", False)
+    assert (second.condition, second.matters) == ("delay", False)
     assert str(repeats).startswith(
         "the same failure in 13 of 20 drives (65 %, 95 % interval 43 to 82 %); less friction is"
     )
@@ -153,11 +153,12 @@ def test_p_values_are_corrected_for_the_number_of_quantities() -> None:
     worlds = draw_conditions(ranges, 12, 0)
     verdict = {"verdict": lambda w: w["delay"] - 0.1 + 0.2 * w["friction"]}
     both = {
-        influence.quantity: influence.p
+        influence.condition: influence.p
         for influence in of_worlds(worlds, ranges, **verdict).influences
     }
     alone = {
-        range_.quantity: of_worlds(worlds, [range_], **verdict).influences[0].p for range_ in ranges
+        range_.condition: of_worlds(worlds, [range_], **verdict).influences[0].p
+        for range_ in ranges
     }
     smaller = min(alone, key=lambda name: alone[name])
     assert both[smaller] == pytest.approx(min(1.0, 2.0 * alone[smaller]))
@@ -223,7 +224,7 @@ def test_each_range_is_covered_evenly(names: list[str], times: int, seed: int) -
     worlds = draw_conditions(ranges, times, seed)
     assert len(worlds) == times
     for variation in ranges:
-        values = [world[variation.quantity] for world in worlds]
+        values = [world[variation.condition] for world in worlds]
         parts = sorted(
             math.floor((value - variation.low) / (variation.high - variation.low) * times)
             for value in values
@@ -248,7 +249,7 @@ def test_each_drive_has_its_own_noise_and_nothing_else_without_variation() -> No
         *(([], times, 0, "times is") for times in (0, -1, 2.5, True)),
         *(([], 2, seed, f"seed is {seed!r}: a") for seed in (-1, 1.5, "a", None, 2**63)),
         ([("speed", 50.0, 60.0)] * 2, 3, 0, "speed is varied twice"),
-        ([("mass", 1.0, 2.0)], 3, 0, "unknown quantity 'mass'. Known: friction, wet"),
+        ([("mass", 1.0, 2.0)], 3, 0, "unknown condition 'mass'. Known: friction, wet"),
         ([("friction", 1.0, 0.8)], 3, 0, "from 1 to 0.8: a range LOW:HIGH within 0.01 to 1.5"),
         ([("speed", 0.0, 50.0)], 3, 0, "within 1 to 500 km/h is needed"),
         ([("noise", math.nan, 1.0)], 3, 0, "cannot vary noise from nan to 1"),
@@ -270,7 +271,7 @@ def test_usual_ranges_follow_the_simulator(campaign: Path) -> None:
         assert not Variation.usual(name, simulator).is_fixed
     with pytest.raises(FreneticError, match="DummySimulator cannot vary friction"):
         Variation.usual("friction", DummySimulator())
-    with pytest.raises(FreneticError, match="unknown quantity 'grip'"):
+    with pytest.raises(FreneticError, match="unknown condition 'grip'"):
         Variation.usual("grip", simulator)
     with pytest.raises(FreneticError, match="DummySimulator cannot vary start"):
         rerun(campaign, DummySimulator(), DummyDriver(), vary=[Variation("start", 0.0, 0.1)])

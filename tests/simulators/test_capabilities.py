@@ -135,7 +135,7 @@ def test_an_invalid_capability_is_refused(name: str, value: Any, message: str) -
         capabilities(simulator)
 
 
-def test_the_driver_under_a_layer_is_asked_too() -> None:
+def test_the_driver_under_a_wrapper_is_asked_too() -> None:
     class Particular(Planner):
         def check_simulator(self, simulator: Simulator) -> None:
             if not isinstance(simulator, EmbeddedSimulator):

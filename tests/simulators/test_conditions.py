@@ -78,11 +78,11 @@ def test_the_simulator_is_as_before_afterwards_even_if_the_drive_broke() -> None
     assert rows(simulator, Planner()) == before
 
 
-def test_a_layer_takes_the_place_of_one_of_its_kind_and_leaves_the_others() -> None:
+def test_a_wrapper_takes_the_place_of_one_of_its_kind_and_leaves_the_others() -> None:
     driver = Noisy(LimitedView(Delayed(Planner(), seconds=0.3), distance=20.0), offset=0.1, seed=1)
     with in_conditions({"delay": 0.1}, EmbeddedSimulator(), driver) as there:
         form = compiled_form(there, 0.05)
-    assert form is not None, "two layers of a kind are driven in Python, slowly"
+    assert form is not None, "two wrappers of a kind are driven in Python, slowly"
     assert (form.delay, form.rows) == (2, 11)
     assert form.errors is not None
     assert driver.driver.driver.seconds == 0.3, "the driver itself was changed"  # type: ignore[attr-defined]
@@ -120,9 +120,9 @@ def test_a_value_that_a_simulator_refuses_is_one_line() -> None:
 
 
 def test_the_table_of_quantities_is_true() -> None:
-    """Both ends of every quantity's range can be driven in."""
-    for name, quantity in known_conditions().items():
-        for value in (quantity.low, quantity.high):
+    """Both ends of every condition's range can be driven in."""
+    for name, condition in known_conditions().items():
+        for value in (condition.low, condition.high):
             driver = MarkingFollower() if name in appearance.ALL else Planner()
             simulator = EmbeddedSimulator()
             with in_conditions({name: value}, simulator, driver) as there:

@@ -78,7 +78,7 @@ def rows(drive: Drive) -> FloatArray:
 
 # Compiled and called from Python
 
-LAYERS: dict[str, Callable[[Driver], Driver]] = {
+WRAPPERS: dict[str, Callable[[Driver], Driver]] = {
     "bare": lambda driver: driver,
     "noisy": lambda driver: Noisy(driver, offset=0.2, heading=0.02, seed=1),
     "delayed": lambda driver: Delayed(driver, seconds=0.15),
@@ -89,27 +89,27 @@ LAYERS: dict[str, Callable[[Driver], Driver]] = {
 }
 
 
-@pytest.mark.parametrize("layer", LAYERS)
+@pytest.mark.parametrize("wrapper", WRAPPERS)
 @pytest.mark.parametrize(
     ("built_in", "python"),
     [(Planner(aggression=1.3), PythonPlanner(aggression=1.3)), (Stanley(), PythonStanley())],
     ids=["planner", "stanley"],
 )
 def test_a_driver_drives_alike_bit_for_bit_compiled_or_called_from_python(
-    built_in: Driver, python: Driver, layer: str
+    built_in: Driver, python: Driver, wrapper: str
 ) -> None:
     for simulator in (EmbeddedSimulator(), EmbeddedSimulator(start_offset=-0.6, start_heading=0.1)):
         for road in ROADS:
-            compiled = rows(simulator.drive(road, LAYERS[layer](built_in)))
-            stepped = rows(simulator.drive(road, LAYERS[layer](python)))
+            compiled = rows(simulator.drive(road, WRAPPERS[wrapper](built_in)))
+            stepped = rows(simulator.drive(road, WRAPPERS[wrapper](python)))
             np.testing.assert_array_equal(compiled, stepped)
             assert len(compiled) > 40
 
 
-def test_layers_and_drivers_make_a_difference() -> None:
+def test_wrappers_and_drivers_make_a_difference() -> None:
     """Else the test above would hold nothing against nothing."""
     simulator = EmbeddedSimulator()
-    drivers = [*(layer(Planner()) for layer in LAYERS.values()), Stanley()]
+    drivers = [*(wrapper(Planner()) for wrapper in WRAPPERS.values()), Stanley()]
     ends = [rows(simulator.drive(ROADS[0], driver))[-1, 1:4] for driver in drivers]
     assert len({tuple(end) for end in ends}) == len(drivers)
 

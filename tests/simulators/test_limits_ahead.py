@@ -56,7 +56,7 @@ def test_driver_is_told_the_limit_where_it_is_and_those_ahead() -> None:
         assert not observation.speed_limit_ahead.flags.writeable
 
 
-def test_layers_change_each_limit() -> None:
+def test_wrappers_change_each_limit() -> None:
     inner = Watching()
     EmbeddedSimulator().drive(STRAIGHT, Hasty(LimitedView(inner, distance=20.0), excess=18.0))
     assert inner.setup.speed_limit == pytest.approx(68 / 3.6)

@@ -77,7 +77,7 @@ def test_the_period_of_the_simulator_changes_nothing() -> None:
     assert not EmbeddedSimulator().drives_compiled(Own(0.05))
 
 
-def test_a_layer_has_the_period_of_its_driver() -> None:
+def test_a_wrapper_has_the_period_of_its_driver() -> None:
     driver = Own(0.02)
     drive = EmbeddedSimulator().drive(WINDING, Noisy(driver, offset=0.2))
     assert drive.trouble is None

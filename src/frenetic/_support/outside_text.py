@@ -21,7 +21,7 @@ class BeyondLimitsError(ValueError):
 
 
 MAX_DEPTH: Final = 100
-"""Most levels of nested lists and objects; ours: a driver under ten layers has about 20."""
+"""Most levels of nested lists and objects; ours: a driver under ten wrappers has about 20."""
 _MOST_CHARACTERS: Final = 300  # in a message; ours
 _TOO_DEEP: Final = f"it is nested more than {MAX_DEPTH} levels deep"
 _TOO_LARGE: Final = "a number has thousands of digits"

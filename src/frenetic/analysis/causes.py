@@ -98,7 +98,7 @@ def kind_number(road: Road, drive: Drive) -> float:
     if result.outcome is not Outcome.FAIL or not len(drive.trajectory):
         return 0.0
     cause = cause_of(segment_of(road, drive, result.finding))
-    limited = [criterion.quantity for criterion in drive.rules.criteria.criteria]
+    limited = [criterion.signal for criterion in drive.rules.criteria.criteria]
     number = limited.index(cause.criterion) if cause.criterion else 0
     return 1.0 + list(Kind).index(cause.kind) + number
 

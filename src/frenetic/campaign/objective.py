@@ -217,7 +217,7 @@ class _Margin(NamedTuple):
     """The margin of a drive to a criterion."""
 
     share: float
-    """Share of the quantity's scale; the MOOBD in m for the lane."""
+    """Share of the signal's scale; the MOOBD in m for the lane."""
     distance: float
     """Distance along the road, in m."""
     words: str
@@ -239,9 +239,9 @@ criteria.place_of = lambda road, drive: _nearest(road, drive).distance  # type: 
 
 
 class Worst:
-    """An objective: the worst value of a quantity, see `frenetic.criteria.criterion`.
+    """An objective: the worst value of a signal, see `frenetic.criteria.criterion`.
 
-    It is by the drive's criterion for it, or else in the quantity's usual window; 0 for a drive
+    It is by the drive's criterion for it, or else in the signal's usual window; 0 for a drive
     that is shorter than that.
     """
 
@@ -264,7 +264,7 @@ class Worst:
 
 
 def __getattr__(name: str) -> Measure:
-    """Return the objective of a built-in quantity."""
+    """Return the objective of a built-in signal."""
     if name in SIGNALS:
         return Worst(name)
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -417,10 +417,10 @@ def print_measures(rows: Sequence[Mapping[str, Any]], criteria: CriteriaSet) -> 
     if not rows:
         return
     print_table(
-        ("quantity", ">worst", "", "where", f">{criteria.name}", ""),
+        ("signal", ">worst", "", "where", f">{criteria.name}", ""),
         [
             (
-                row["quantity"].replace("_", " "),
+                row["signal"].replace("_", " "),
                 f"{round(row['value'], 2) + 0.0:.2f}",
                 row["unit"],
                 f"{row['distance']:.0f} m{f', {side}' if (side := row['side']) else ''}",

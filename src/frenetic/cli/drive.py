@@ -166,7 +166,7 @@ def _of_campaign(
         config = store.config
         spec, place = campaign_spec(store, options, checked=is_made)
         terms, rules = store.setting, recorded_rules(store, spec)
-    instead = options.quantities(spec)
+    instead = options.conditions(spec)
     roads = []
     for test in tests:
         fitted, verdict = test.road.placed(terms.map_size, terms.map_margin, terms.road_class)

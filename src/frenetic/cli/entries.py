@@ -99,7 +99,7 @@ def _takes_text(entry: str) -> bool:
 
 
 def _read_amount(text: str) -> tuple[str, float]:
-    """(name, amount) of a quantity, from NAME=VALUE."""
+    """(name, amount) of a condition, from NAME=VALUE."""
     name, equals, amount_text = (part.strip() for part in text.partition("="))
     row = condition_named(name)
     try:
@@ -223,7 +223,7 @@ class CommandOptions:
         """What the options of a command say, in whatever order.
 
         Raises:
-            click.UsageError: two of them say the amount of a quantity.
+            click.UsageError: two of them give the amount of one condition.
         """
         values = [v for name, v in context.params.items() if was_given(context, name)]
         rows = (value if isinstance(value, tuple) else (value,) for value in values)
@@ -355,8 +355,8 @@ class CommandOptions:
                 source.sign(signed)
         return folder
 
-    def quantities(self, spec: Spec) -> list[str]:
-        """Quantities whose amounts the command line says, instead of the tests' own amounts.
+    def conditions(self, spec: Spec) -> list[str]:
+        """Conditions whose amounts the command line says, instead of the tests' own amounts.
 
         Args:
             spec: as `over` gives it.
@@ -372,7 +372,7 @@ class CommandOptions:
         Raises:
             click.UsageError: the command line gives one.
         """
-        for name in CommandOptions(self.spec).quantities(Spec()):
+        for name in CommandOptions(self.spec).conditions(Spec()):
             if spec.domain is not None and name in spec.domain.conditions:
                 raise click.UsageError(
                     f"{name} is given, and {spec.domain.name} draws it: leave out one of the two"

@@ -1,4 +1,4 @@
-"""The command that lists the known parts and quantities: list."""
+"""The command `list`, which lists the known parts, conditions, road classes and criteria."""
 
 from __future__ import annotations
 
@@ -12,8 +12,7 @@ from frenetic.cli import echo
 from frenetic.cli.console import print_table
 from frenetic.cli.options import json_option
 from frenetic.conditions.condition import known_conditions
-from frenetic.criteria.criterion import SIGNALS, criteria_sets
-from frenetic.criteria.criterion import signal_named as quantity_of
+from frenetic.criteria.criterion import SIGNALS, criteria_sets, signal_named
 from frenetic.errors import FreneticError
 from frenetic.parts.registry import DRIVERS, OBJECTIVES, SIMULATORS, STRATEGIES
 
@@ -44,7 +43,7 @@ _REGISTRIES: Final = {
 }
 
 
-_KINDS: Final = [*_REGISTRIES, "quantities", "roads", "criteria"]
+_KINDS: Final = [*_REGISTRIES, "conditions", "roads", "criteria"]
 """Kinds in the order in which they are listed."""
 
 
@@ -52,9 +51,9 @@ _KINDS: Final = [*_REGISTRIES, "quantities", "roads", "criteria"]
 @click.argument("kind", type=click.Choice(_KINDS), required=False, metavar="[KIND]")
 @json_option
 def list_parts(kind: str | None, as_json: bool) -> None:
-    """List drivers, strategies, simulators, objectives, quantities and more: of a KIND, or all.
+    """List drivers, strategies, simulators, objectives, conditions and more: of a KIND, or all.
 
-    Quantities are for --with and 'frenetic rerun --vary', roads for --roads, criteria for
+    Conditions are for --with and 'frenetic rerun --vary', roads for --roads, criteria for
     --criteria. Packages add to all but the roads; a class of your own is a TOML file, and so are
     criteria.
     """
@@ -74,7 +73,7 @@ def _documents(kind: str) -> list[dict[str, Any]]:
         return [road_class.as_json() for road_class in _classes()]
     if kind == "criteria":
         return [criteria_set.as_json() for criteria_set in criteria_sets().values()]
-    if kind != "quantities":
+    if kind != "conditions":
         registry = _REGISTRIES[kind]
         return [
             {
@@ -137,22 +136,22 @@ def _print_classes(title: str | None) -> None:
 
 
 def _print_criteria(title: str | None) -> None:
-    """Print the sets of criteria side by side, a quantity in each row."""
+    """Print the sets of criteria side by side, a signal in each row."""
     sets = criteria_sets()
     limits = {
-        name: {c.quantity: c for c in criteria_set.criteria} for name, criteria_set in sets.items()
+        name: {c.signal: c for c in criteria_set.criteria} for name, criteria_set in sets.items()
     }
     names = dict.fromkeys(
         [*SIGNALS, *(name for set_limits in limits.values() for name in set_limits)]
     )
     rows = [
         (
-            quantity_of(name).words,
+            signal_named(name).words,
             *(
                 None if name not in set_limits else f"{set_limits[name].limit:g}"
                 for set_limits in limits.values()
             ),
-            quantity_of(name).unit,
+            signal_named(name).unit,
         )
         for name in names
     ]
@@ -173,7 +172,7 @@ def _print(kind: str, title: str | None) -> None:
     if kind == "criteria":
         _print_criteria(title)
         return
-    if kind == "quantities":
+    if kind == "conditions":
         print_table(
             ("name", "allowed", "usual", "what it is"),
             [
@@ -190,9 +189,9 @@ def _print(kind: str, title: str | None) -> None:
         return
     registry = _REGISTRIES[kind]
     entries = registry.entries()
-    laid, layers = [], [row for row in known_conditions().values() if row.layer]
+    laid, wrappers = [], [row for row in known_conditions().values() if row.wrapper]
     if registry is SIMULATORS:
-        over = [row.name for row in layers]
+        over = [row.name for row in wrappers]
         laid = [", ".join(n for n in _laid_by(e.name) or () if n not in over) for e in entries]
     print_table(
         ("name", "from", "what it is", *(["conditions"] if laid else [])),
@@ -203,7 +202,7 @@ def _print(kind: str, title: str | None) -> None:
         title=title,
     )
     if laid:
-        others, camera = ([r.name for r in layers if r.needs_camera is n] for n in (False, True))
+        others, camera = ([r.name for r in wrappers if r.needs_camera is n] for n in (False, True))
         camera_text = f"; over one with a camera: {', '.join(camera)}" if camera else ""
         echo(f"Over the driver, in all of them: {', '.join(others)}{camera_text}.")
     files = "".join(f", or path/to/file{suffix}" for suffix in registry.files)

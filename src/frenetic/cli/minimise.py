@@ -215,7 +215,7 @@ def _of_campaign(
             road = minimised_road(folder, record.id)
             if options:
                 road = road.with_stem(f"{road.stem}-other")
-            left = without(record.candidate.conditions, *options.quantities(spec))
+            left = without(record.candidate.conditions, *options.conditions(spec))
             test = replace(record, candidate=replace(record.candidate, conditions=left))
             files = MinimisedFiles.beside(out or road)
             works.append(Work(f"Test {record.id}", record.road, files, test))

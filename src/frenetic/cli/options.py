@@ -104,7 +104,7 @@ def source_arguments(command: Callable[P, R]) -> Callable[P, R]:
 
 @dataclass(frozen=True)
 class AskedRange:
-    """A quantity and its range, as given."""
+    """A condition and its range, as given."""
 
     name: str
     limits: tuple[float, float] | None

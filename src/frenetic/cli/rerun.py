@@ -46,7 +46,7 @@ VARIED_TIMES: Final = 20
 
 
 def variation(asked: AskedRange, tester: RoadTester) -> Variation:
-    """The range of a quantity; its usual one for a tester if none is given."""
+    """The range of a condition; its usual one for a tester if none is given."""
     from frenetic.rerun.variations import Variation
 
     if asked.limits is None:
@@ -69,7 +69,7 @@ def variation(asked: AskedRange, tester: RoadTester) -> Variation:
     type=ranges("friction=0.8:1.0"),
     multiple=True,
     help="What differs between the drives, as in --vary friction=0.8:1.0; a name alone means"
-    " its usual range ('frenetic list quantities'), around a test's own amount. May be repeated.",
+    " its usual range ('frenetic list conditions'), around a test's own amount. May be repeated.",
 )
 @part_options
 @trust_option
@@ -129,7 +129,7 @@ def rerun(
             tests=chosen,
             times=times,
             vary=variations,
-            instead=options.quantities(spec),
+            instead=options.conditions(spec),
             workers=workers,
             isolate=True,
             out=out,
@@ -196,7 +196,7 @@ def _print(result: Rerun, times: int, *, is_as_before: bool, with_rows: bool) ->
     varied = [
         str(variation)
         if all(test.variations[i] == variation for test in tests)
-        else f"{variation.quantity} around each test's own"
+        else f"{variation.condition} around each test's own"
         for i, variation in enumerate(result.variations)
     ]
     conditions_text = ", ".join(varied) or ("in the same conditions" if times > 1 else "")
@@ -211,10 +211,10 @@ def _print(result: Rerun, times: int, *, is_as_before: bool, with_rows: bool) ->
     kinds = Counter(test.stability for test in tests)
     if any(kinds[kind] for kind in Stability):
         echo(", ".join(f"{kinds[kind]} {kind}" for kind in Stability if kinds[kind]))
-    quantities = [
-        influence.quantity for test in tests for influence in test.influences if influence.matters
+    influential = [
+        influence.condition for test in tests for influence in test.influences if influence.matters
     ]
-    for name, number in Counter(quantities).most_common():
+    for name, number in Counter(influential).most_common():
         echo(f"{name} matters in {number} of {len(tests)}")
     if is_as_before:
         echo(f"{result.same} of {counted(len(drives), 'drive')} ended exactly as before")

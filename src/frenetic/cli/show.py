@@ -98,7 +98,7 @@ def show(
     --outcome, --feature, --sort and --limit list tests. Features describe the road and the drive
     within 30 m of the place where the car left its lane, or else was nearest to its edge: length,
     max_curvature, direction_coverage, bends, mean_speed, std_speed, std_steering, mean_offset,
-    extreme_offset. Conditions are quantities ('frenetic list quantities').
+    extreme_offset. A condition's name counts, too ('frenetic list conditions').
 
     --follow looks each second at a campaign that runs on this machine. Ctrl-C leaves; the campaign
     goes on. The exit code is 0 when the campaign has finished, 1 when it was interrupted, gave up

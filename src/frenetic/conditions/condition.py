@@ -1,11 +1,11 @@
-"""Quantities of a drive's conditions, such as noise, fog or friction.
+"""Conditions of a drive, such as noise, fog or friction.
 
-A row declares a quantity once, for the command line, records, reports and `frenetic.rerun`. A
-quantity is a layer over the driver, so that it works with every simulator, or an attribute of the
-simulator that may be set between two drives. A package adds a tuple of rows by an entry point in
-the group ``frenetic.conditions``.
+A row declares a condition once, for the command line, records, reports and `frenetic.rerun`. A
+wrapper around the driver lays the condition, with every simulator, or an attribute of the simulator
+does, which may be set between two drives. A package adds a tuple of rows by an entry point in the
+group ``frenetic.conditions``.
 
-The command line reads the table, so a layer is imported only when it is laid.
+The command line reads the table, so a wrapper is imported only when it is used.
 """
 
 from __future__ import annotations
@@ -22,11 +22,11 @@ from frenetic.errors import FreneticError, UnknownNameError
 from frenetic.parts.registry import hint
 
 GROUP: Final = "frenetic.conditions"
-"""Entry point group of other packages' quantities."""
+"""Entry point group of other packages' conditions."""
 SEED: Final = "noise_seed"
-"""Name of the seed of random layers among the conditions of a drive."""
+"""Name of the seed of random wrappers among the conditions of a drive."""
 SPEED: Final = "speed"
-"""Name of the quantity that is the speed limit."""
+"""Name of the condition that is the speed limit."""
 FARTHEST: Final = 100_000.0
 """Largest amount of a length without upper bound, in m; ours."""
 MAX_START_OFFSET: Final = 2.0
@@ -37,7 +37,7 @@ MAX_START_HEADING: Final = math.pi / 4.0
 
 @dataclass(frozen=True, kw_only=True)
 class Condition:
-    """A quantity of a drive's conditions."""
+    """One condition of a drive: name, unit, range, and what sets it."""
 
     name: str
     about: str
@@ -52,17 +52,17 @@ class Condition:
     is_relative: bool = False
     """Whether the usual range is in shares of the simulator's own amount."""
     nothing: float | None = None
-    """Amount without effect, which removes a recorded layer."""
-    layer: str = ""
-    """``module:Class`` of a layer, whose class method ``over(driver, amount)`` lays it."""
+    """Amount without effect, which removes a recorded wrapper."""
+    wrapper: str = ""
+    """``module:Class`` of a wrapper, whose class method ``over(driver, amount)`` lays it."""
     attribute: str = ""
-    """Attribute of a simulator that has the amount; empty for a layer."""
+    """Attribute of a simulator that has the amount; empty for a wrapper."""
     is_seeded: bool = False
-    """Whether the layer draws random numbers: then ``over`` takes a ``seed``, too."""
+    """Whether the wrapper draws random numbers: then ``over`` takes a ``seed``, too."""
     needs_camera: bool = False
-    """Whether only a driver with a camera can have the layer."""
+    """Whether only a driver with a camera can have the wrapper."""
     place_of: str = ""
-    """Quantity whose place along the road this one is, in m; the place varies with it."""
+    """Condition whose place along the road this one is, in m; the place varies with it."""
     words: tuple[str, str] | None = None
     """Words for a smaller and for a larger amount; None for "less" and "more" with the name."""
 
@@ -76,9 +76,9 @@ class Condition:
         """Words for a larger amount."""
         return self.words[1] if self.words else f"more {self.name}"
 
-    def layer_class(self) -> Any:
-        """Import and return the class of the layer."""
-        return imported(self.layer)
+    def wrapper_class(self) -> Any:
+        """Import and return the class of the wrapper."""
+        return imported(self.wrapper)
 
     def require(self, amount: float) -> float:
         """Return an allowed amount as a float.
@@ -190,7 +190,7 @@ _BUILT_IN: Final = (
         high=200.0,
         usual=(0.0, 20.0),
         nothing=0.0,
-        layer="frenetic.drivers.wrappers:Hasty",
+        wrapper="frenetic.drivers.wrappers:Hasty",
     ),
     Condition(
         name=SPEED,
@@ -211,7 +211,7 @@ _BUILT_IN: Final = (
         high=10.0,
         usual=(0.0, 0.2),
         nothing=0.0,
-        layer="frenetic.drivers.wrappers:Noisy",
+        wrapper="frenetic.drivers.wrappers:Noisy",
         is_seeded=True,
     ),
     Condition(
@@ -222,7 +222,7 @@ _BUILT_IN: Final = (
         high=10.0,
         usual=(0.0, 0.1),
         nothing=0.0,
-        layer="frenetic.drivers.wrappers:Delayed",
+        wrapper="frenetic.drivers.wrappers:Delayed",
     ),
     Condition(
         name="lag",
@@ -263,7 +263,7 @@ _BUILT_IN: Final = (
         high=FARTHEST,
         usual=(10.0, 50.0),
         nothing=math.inf,
-        layer="frenetic.drivers.wrappers:LimitedView",
+        wrapper="frenetic.drivers.wrappers:LimitedView",
         words=("a shorter view", "a longer view"),
     ),
 )
@@ -272,10 +272,10 @@ _BY_NAME: Final = {row.name: row for row in _BUILT_IN}
 
 
 def known_conditions() -> Mapping[str, Condition]:
-    """Return all quantities by name: the built-in ones, then those from installed packages.
+    """Return all conditions by name: the built-in ones, then those from installed packages.
 
     Raises:
-        FreneticError: two quantities have the same name.
+        FreneticError: two conditions have the same name.
     """
     return _table(installed(GROUP))
 
@@ -287,7 +287,7 @@ def _table(entries: tuple[RegisteredPart, ...]) -> Mapping[str, Condition]:
         for row in imported(entry.target):
             if row.name in table:
                 raise FreneticError(
-                    f"two quantities are named {row.name!r}, one comes from {entry.origin}:"
+                    f"two conditions are named {row.name!r}, one comes from {entry.origin}:"
                     " uninstall one of them"
                 )
             table[row.name] = row
@@ -295,12 +295,12 @@ def _table(entries: tuple[RegisteredPart, ...]) -> Mapping[str, Condition]:
 
 
 def named(conditions: Mapping[str, float]) -> list[str]:
-    """Return the names of the conditions' quantities, without places and the seed."""
+    """Return the names of the conditions that have amounts, without places and the seed."""
     return [name for name in conditions if name != SEED and not condition_named(name).place_of]
 
 
 def without(conditions: Mapping[str, float], *names: str) -> dict[str, float]:
-    """Return the conditions without some quantities, their places, and an unneeded seed."""
+    """Return conditions without some of them, their places, and an unneeded seed."""
     left = [other for other in named(conditions) if other not in names]
     has_seed = any(condition_named(other).is_seeded for other in left)
     return {
@@ -321,7 +321,7 @@ def as_text(conditions: Mapping[str, float]) -> str:
 
 
 def attributes() -> frozenset[str]:
-    """Return the attributes of simulators that quantities set."""
+    """Return the attributes of simulators that conditions set."""
     return _attributes(installed(GROUP))
 
 
@@ -331,17 +331,17 @@ def _attributes(entries: tuple[RegisteredPart, ...]) -> frozenset[str]:
 
 
 def amounts_in(options: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the amounts that a simulator's options set: name of a quantity -> its amount."""
+    """Return the amounts that a simulator's options set: name of a condition -> its amount."""
     names = {row.attribute: row.name for row in known_conditions().values() if row.attribute}
     return {names[option]: amount for option, amount in options.items() if option in names}
 
 
 def require_allowed(amounts: Mapping[str, float]) -> None:
-    """Check amounts of quantities. An amount without effect is allowed, and any seed.
+    """Check amounts of conditions. An amount without effect is allowed, and any seed.
 
     Raises:
-        UnknownNameError: no quantity has one of the names.
-        ValueError: an amount is out of its quantity's range.
+        UnknownNameError: no condition has one of the names.
+        ValueError: an amount is out of its condition's range.
     """
     for name, amount in amounts.items():
         if name != SEED and amount != condition_named(name).nothing:
@@ -349,16 +349,16 @@ def require_allowed(amounts: Mapping[str, float]) -> None:
 
 
 def condition_named(name: str) -> Condition:
-    """Return the quantity with this name.
+    """Return the condition with this name.
 
     Raises:
-        UnknownNameError: no quantity has this name; the message lists the known names.
+        UnknownNameError: no condition has this name; the message lists the known names.
     """
     if (built_in := _BY_NAME.get(name)) is not None:
         return built_in
     known = known_conditions()
     if name not in known:
         raise UnknownNameError(
-            f"unknown quantity {name!r}{hint(name, known)} Known: {', '.join(known)}"
+            f"unknown condition {name!r}{hint(name, known)} Known: {', '.join(known)}"
         )
     return known[name]

@@ -13,7 +13,7 @@ A TOML file for ``--odd`` describes a domain::
 
 `frenetic.conditions` lists names and units. An amount is drawn evenly from its range, or from a
 normal distribution cut at its ends; with a ``chance``, only in that share of the drives. A
-condition with a place on the road, such as a gust, may be anywhere along the road. Quantities are
+condition with a place on the road, such as a gust, may be anywhere along the road. Conditions are
 independent of each other.
 """
 
@@ -46,7 +46,7 @@ _DIGITS: Final = 4
 
 @dataclass(frozen=True, kw_only=True)
 class Distribution:
-    """Distribution of the amounts of one quantity over the drives.
+    """Distribution of the amounts of one condition over the drives.
 
     Raises:
         ValueError: a value is out of range.
@@ -59,7 +59,7 @@ class Distribution:
     deviation: Positive | None = None
     """Standard deviation of the normal distribution; None for an even distribution."""
     chance: Share = 1.0
-    """Share of the drives in which the quantity has an amount; the others have the usual one."""
+    """Share of the drives in which the condition has an amount; the others have the usual one."""
 
     def __post_init__(self) -> None:
         check(vars(self), Distribution)
@@ -122,7 +122,7 @@ class Domain:
     road_class: RoadClass | None = None
     """Class of the roads; None for the competition's."""
     conditions: Mapping[str, Distribution] = field(default_factory=dict)
-    """Name of a quantity -> its distribution."""
+    """Name of a condition -> its distribution."""
 
     def __post_init__(self) -> None:
         for name, amounts in self.conditions.items():
@@ -159,7 +159,7 @@ class Domain:
 
         Raises:
             ValueError: an entry is unknown, or a value is out of range.
-            FreneticError: no quantity or road class has a name in the entries.
+            FreneticError: no condition or road class has a name in the entries.
         """
         names = {"name", "about", "roads", "conditions"}
         if unknown := sorted(entries.keys() - names):
@@ -195,7 +195,7 @@ class Domain:
 
     @cached_property
     def axes(self) -> tuple[str, ...]:
-        """Names of a point's shares: the quantities, then their places, then the seed of noise."""
+        """Names of a point's shares: the conditions, then their places, then the seed of noise."""
         names = [name for name in known_conditions() if name in self.conditions]
         places = [
             row.name for row in known_conditions().values() if row.place_of in self.conditions
@@ -243,7 +243,7 @@ class Domain:
         return clipped
 
     def all_at_once(self) -> dict[str, float]:
-        """Return conditions with every quantity of the domain, to check them before any drive."""
+        """Return an amount for every condition of the domain, to check them before any drive."""
         places = {axis: 0.0 for axis in self.axes if axis != SEED}
         return places | {name: amounts.low for name, amounts in self.conditions.items()}
 

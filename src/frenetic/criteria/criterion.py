@@ -7,7 +7,7 @@ from a user's TOML file::
     lateral_acceleration = 2.5
     lateral_jerk = {limit = 4.0, window = 0.5, clause = "our handbook, 7.2"}
 
-Each limit has the name of a quantity: one of `SIGNALS`, or a `Signal` that is the entry point
+Each limit has the name of a signal: one of `SIGNALS`, or a `Signal` that is the entry point
 of an installed package.
 """
 
@@ -32,13 +32,13 @@ from frenetic._support.words import number_word
 from frenetic.errors import FreneticError
 
 GROUP: Final = "frenetic.criteria.criterion"
-"""Entry point group of other packages' profiles and quantities."""
+"""Entry point group of other packages' criteria sets and signals."""
 LANE: Final = "lane"
 """Criterion of leaving the lane: the share of the car's box outside it."""
 DRIVER: Final = "driver"
 """Criterion of the driver's own faults: every fault breaches it."""
 EDGE_DISTANCE: Final = "edge_distance"
-"""Name of the quantity that is the distance between the car's outline and its lane's edges."""
+"""Name of the signal that is the distance between the car's outline and its lane's edges."""
 COMPETITION: Final = "competition"
 """Name of the profile that judges by leaving the lane alone."""
 _TEXTS: Final = ("about", "left_out")
@@ -53,7 +53,7 @@ class Signal:
     unit: str
     about: str
     scale: float
-    """Amount, in the unit, by which margins are divided to compare them between quantities."""
+    """Amount, in the unit, by which margins are divided to compare them between signals."""
     window: float = 0.0
     """SimulatorDefaults window in s, see `Criterion.window`."""
     is_least: bool = False
@@ -62,15 +62,15 @@ class Signal:
     """Whether the sign is a side, left positive; then the limit holds for the absolute value."""
     series: Callable[[Any, float], Any] | None = None
     """Function that computes the values, (n,), from a `frenetic.oracle.signals.LocatedDrive` and a
-    window in s; None for built-in quantities."""
+    window in s; None for built-in signals."""
 
     @property
     def words(self) -> str:
-        """Name of the quantity with spaces."""
+        """Name of the signal with spaces."""
         return self.name.replace("_", " ")
 
     def text(self, value: float) -> str:
-        """Return a value with the quantity's unit."""
+        """Return a value with the signal's unit."""
         return f"{value:.2f} {self.unit}"
 
 
@@ -118,35 +118,35 @@ SIGNALS: Final[Mapping[str, Signal]] = MappingProxyType(
         )
     }
 )
-"""Built-in quantities: name -> quantity."""
+"""Built-in signals: name -> signal."""
 
 
 def signal_named(name: str) -> Signal:
-    """Return the quantity with this name, built in or installed.
+    """Return the signal with this name, built in or installed.
 
     Raises:
-        ValueError: no quantity has this name.
+        ValueError: no signal has this name.
     """
     if name in SIGNALS:
         return SIGNALS[name]
     for entry in installed(GROUP):
         if entry.name == name and isinstance(target := imported(entry.target), Signal):
             return target
-    raise ValueError(f"there is no quantity {name}: choose from {', '.join(SIGNALS)}")
+    raise ValueError(f"there is no signal {name}: choose from {', '.join(SIGNALS)}")
 
 
 @dataclass(frozen=True)
 class Criterion:
-    """A limit of a quantity.
+    """A limit of a signal.
 
     Raises:
-        ValueError: no quantity has this name, or a number is out of range.
+        ValueError: no signal has this name, or a number is out of range.
     """
 
-    quantity: str
-    """Name of the quantity."""
+    signal: str
+    """Name of the signal."""
     limit: Finite
-    """Limit in the quantity's unit; a value equal to the limit is allowed."""
+    """Limit in the signal's unit; a value equal to the limit is allowed."""
     window: NotNegative
     """Time up to each record over which values are averaged, in s; 0 for single records. For the
     sway, the time within which it happens."""
@@ -155,19 +155,19 @@ class Criterion:
 
     def __post_init__(self) -> None:
         check(vars(self), Criterion)
-        if signal_named(self.quantity).has_sides and self.limit < 0.0:
+        if signal_named(self.signal).has_sides and self.limit < 0.0:
             raise ValueError(f"limit is {self.limit:g}: at least 0 is needed, as sides count alike")
 
     def margin(self, value: float) -> float:
         """Return the distance of a value from the limit, in its unit; negative beyond it."""
-        return value - self.limit if signal_named(self.quantity).is_least else self.limit - value
+        return value - self.limit if signal_named(self.signal).is_least else self.limit - value
 
     def text(self) -> str:
         """Return the limit in words, such as ``at most 3 m/s²``."""
-        limited = signal_named(self.quantity)
+        limited = signal_named(self.signal)
         text = f"{'at least' if limited.is_least else 'at most'} {self.limit:g} {limited.unit}"
         if self.window:
-            preposition = "within" if self.quantity == "sway" else "in the mean of"
+            preposition = "within" if self.signal == "sway" else "in the mean of"
             text += f" {preposition} {self.window:g} s"
         return text
 
@@ -177,7 +177,7 @@ class CriteriaSet:
     """Criteria that drives have to meet, beside staying in the lane.
 
     Raises:
-        ValueError: two criteria limit the same quantity.
+        ValueError: two criteria limit the same signal.
     """
 
     name: str
@@ -191,7 +191,7 @@ class CriteriaSet:
 
     def __post_init__(self) -> None:
         check(vars(self), CriteriaSet)
-        names = [criterion.quantity for criterion in self.criteria]
+        names = [criterion.signal for criterion in self.criteria]
         if twice := {name for name in names if names.count(name) > 1}:
             raise ValueError(f"{min(twice)} has two limits: one is needed")
 
@@ -234,7 +234,7 @@ class CriteriaSet:
         """Return the profile of a file's entries.
 
         Raises:
-            ValueError: a quantity is unknown, or a limit is out of range.
+            ValueError: a signal is unknown, or a limit is out of range.
         """
         texts = {key: entries[key] for key in (*_TEXTS, "driven_time") if key in entries}
         criteria = [_criterion(key, value) for key, value in entries.items() if key not in texts]
@@ -244,11 +244,11 @@ class CriteriaSet:
         """Return the profile with these limits, which replace its own or join them.
 
         Raises:
-            ValueError: a quantity is unknown, or a limit is out of range.
+            ValueError: a signal is unknown, or a limit is out of range.
         """
         if not limits:
             return self
-        criteria = {criterion.quantity: criterion for criterion in self.criteria}
+        criteria = {criterion.signal: criterion for criterion in self.criteria}
         for key, value in limits.items():
             window = criteria[key].window if key in criteria else None
             entry = {"limit": value, "window": window, "clause": "as given"}
@@ -258,7 +258,7 @@ class CriteriaSet:
     def as_text(self) -> str:
         """Return the name and the limits in words."""
         limits = [
-            f"{signal_named(criterion.quantity).words} {criterion.text()}"
+            f"{signal_named(criterion.signal).words} {criterion.text()}"
             for criterion in self.criteria
         ]
         return f"{self.name}: {', '.join(limits)}" if limits else self.name
@@ -274,7 +274,7 @@ class CriteriaSet:
             entries["driven_time"] = self.driven_time
         for criterion in self.criteria:
             fields = asdict(criterion)
-            entries[fields.pop("quantity")] = fields
+            entries[fields.pop("signal")] = fields
         return entries
 
     def entry(self) -> str | dict[str, Any]:
@@ -285,11 +285,11 @@ class CriteriaSet:
         known = criteria_sets().get(self.name)
         if known is None:
             return self.whole_entry()
-        before = {criterion.quantity: criterion for criterion in known.criteria}
+        before = {criterion.signal: criterion for criterion in known.criteria}
         changed = {
-            criterion.quantity: criterion.limit
+            criterion.signal: criterion.limit
             for criterion in self.criteria
-            if before.get(criterion.quantity) != criterion
+            if before.get(criterion.signal) != criterion
         }
         if known.with_limits(changed) != self:
             return self.whole_entry()
@@ -319,7 +319,7 @@ def _criterion(name: str, value: Any) -> Criterion:
     """Return the criterion of a file's entry, which is a limit or a table of fields.
 
     Raises:
-        ValueError: the quantity is unknown, or the limit is out of range.
+        ValueError: the signal is unknown, or the limit is out of range.
     """
     try:
         entry = convert(value if isinstance(value, Mapping) else {"limit": value}, _CriterionEntry)

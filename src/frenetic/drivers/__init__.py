@@ -1,6 +1,6 @@
-"""Drivers: the Driver protocol, the built-in drivers, layers over any driver.
+"""Drivers: the Driver protocol, the built-in drivers, wrappers over any driver.
 
-The names below are imported when they are used, so that the command line can look up what layers
+The names below are imported when they are used, so that the command line can look up what wrappers
 there are without waiting for numba.
 """
 

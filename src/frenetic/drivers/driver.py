@@ -136,7 +136,8 @@ class Observation:
         """Return the ego lane's centre line, at any spacing and length, also behind the car.
 
         The lane follows from this observation's `distance`, `lateral_offset` and `heading_error`,
-        so a layer that changes these changes the lane, and one that limits the view ends it sooner.
+        so a wrapper that changes these changes the lane, and one that limits the view ends it
+        sooner.
         Beyond both ends of the road the lane goes on straight, as `ahead` does.
 
         Args:
@@ -245,16 +246,16 @@ class CameraDriver(Driver, Protocol):
 
 
 class OwnWrapper:
-    """Base of our own layers: a drive begins for the driver underneath, too.
+    """Base of our own wrappers: a drive begins for the driver underneath, too.
 
     Args:
         driver: the driver underneath.
     """
 
     BEHAVIOUR: ClassVar[int] = 1
-    """Raised when the layer's effect changes, as a driver's is."""
+    """Raised when the wrapper's effect changes, as a driver's is."""
     place: ClassVar[int]
-    """Place among the layers over a driver, from the outermost, 0."""
+    """Place among the wrappers over a driver, from the outermost, 0."""
 
     def __init__(self, driver: Driver) -> None:
         self.driver = driver
@@ -273,19 +274,19 @@ class OwnWrapper:
 
     @property
     def options(self) -> dict[str, float]:
-        """Options of the layer, which are its public attributes."""
+        """Options of the wrapper, which are its public attributes."""
         return {k: v for k, v in vars(self).items() if k != "driver" and not k.startswith("_")}
 
 
-def under_layers(driver: Driver) -> Driver:
-    """Return the driver itself, without layers of ours over it."""
+def unwrapped(driver: Driver) -> Driver:
+    """Return the driver itself, without wrappers of ours over it."""
     while isinstance(driver, OwnWrapper):
         driver = driver.driver
     return driver
 
 
 def inner_driver(driver: object) -> Driver | None:
-    """Return the driver under a layer; None if the object is no layer."""
+    """Return the driver under a wrapper; None if the object is no wrapper."""
     inner = getattr(driver, "driver", None)
     return inner if inner is not None and isinstance(inner, Driver) else None
 
@@ -299,7 +300,7 @@ def stack_of(driver: Driver) -> Iterator[Driver]:
 
 
 def camera_of(driver: Driver) -> Camera | None:
-    """Return the camera of a driver or of the driver under its layers; None without a camera.
+    """Return the camera of a driver or of the driver under its wrappers; None without a camera.
 
     Raises:
         DriverError: The attribute ``camera`` is not a `Camera`.
@@ -316,7 +317,7 @@ def camera_of(driver: Driver) -> Camera | None:
 
 
 def period_of(driver: Driver, step: float | None) -> float | None:
-    """Return the period that a driver or the driver under its layers asks for, in s, or None.
+    """Return the period that a driver or the driver under its wrappers asks for, in s, or None.
 
     Args:
         driver: Any driver.
@@ -347,11 +348,11 @@ def period_of(driver: Driver, step: float | None) -> float | None:
 
 
 def scene_of(driver: Driver) -> Scene:
-    """Return the scene that a driver's layers ask for."""
+    """Return the scene that a driver's wrappers ask for."""
     scene = Scene()
-    for layer in stack_of(driver):
-        if isinstance(layer, OwnWrapper):
-            scene = layer.in_scene(scene)
+    for wrapper in stack_of(driver):
+        if isinstance(wrapper, OwnWrapper):
+            scene = wrapper.in_scene(scene)
     return scene
 
 
@@ -363,7 +364,7 @@ def check_other_world(driver: Driver, world: str) -> None:
         world: Name of the simulator.
 
     Raises:
-        DriverError: The camera's lens is distorted, or a layer changes the scene.
+        DriverError: The camera's lens is distorted, or a wrapper changes the scene.
     """
     camera = camera_of(driver)
     if camera is None:
@@ -398,7 +399,7 @@ def blaming_driver() -> Iterator[None]:
 
 
 def is_of_driver(error: BaseException, driver: Driver) -> bool:
-    """Return whether a call of the driver, or of a driver under its layers, raised an error."""
+    """Return whether a call of the driver, or of a driver under its wrappers, raised an error."""
     codes = {
         getattr(getattr(type(part), name, None), "__code__", None)
         for part in stack_of(driver)

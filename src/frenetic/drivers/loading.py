@@ -1,4 +1,4 @@
-"""Drivers by name, with their options, under the layers of some quantities."""
+"""Drivers by name, with their options, under the wrappers of some conditions."""
 
 from __future__ import annotations
 
@@ -14,39 +14,39 @@ from frenetic.parts.registry import DRIVERS
 
 
 def load_driver(
-    spec: str, options: Mapping[str, Any] | None = None, **layers: float | None
+    spec: str, options: Mapping[str, Any] | None = None, **wrappers: float | None
 ) -> Driver:
     """Return the driver of a name, of ``package.module:Class`` or of ``file.py:Class``.
 
     Args:
         spec: Name of the driver.
         options: Options that are passed to its class.
-        layers: Amounts of quantities of the driver, see `under`.
+        wrappers: Amounts of conditions of the driver, see `under`.
 
     Raises:
         FreneticError: The driver cannot be loaded or made, or an amount is out of range.
     """
     driver: Driver = DRIVERS.make(spec, **(options or {}))
-    return under({name: value for name, value in layers.items() if value is not None}, driver)
+    return under({name: value for name, value in wrappers.items() if value is not None}, driver)
 
 
 def under(amounts: Mapping[str, float], driver: Driver) -> Driver:
-    """Return a driver under layers; each replaces the driver's layer of that kind.
+    """Return a driver under wrappers; each replaces the driver's wrapper of that kind.
 
     Args:
-        amounts: Name of a quantity of `frenetic.conditions` -> its amount; quantities that are not
-            layers are skipped. ``noise`` is the lateral error of a `Noisy` layer, whose heading
+        amounts: Name of a condition of `frenetic.conditions` -> its amount; conditions that are not
+            wrappers are skipped. ``noise`` is the lateral error of a `Noisy` wrapper, whose heading
             error is 0.1 rad per m of it. `frenetic.conditions.condition.SEED` is the seed of random
-            layers.
+            wrappers.
         driver: Any driver.
 
     Raises:
-        FreneticError: There is no such quantity, or an amount is out of range.
+        FreneticError: There is no such condition, or an amount is out of range.
     """
     seed = {"seed": int(amounts[SEED])} if SEED in amounts else {}
     for row in [condition_named(name) for name in amounts if name != SEED]:
-        if row.layer:
-            kind = row.layer_class()
+        if row.wrapper:
+            kind = row.wrapper_class()
             try:
                 amount = row.require(amounts[row.name])
                 bare = _without(kind, driver)
@@ -57,7 +57,7 @@ def under(amounts: Mapping[str, float], driver: Driver) -> Driver:
 
 
 def _without(kind: type[Any], driver: Driver) -> Driver:
-    """Return the driver without its layers of a kind."""
+    """Return the driver without its wrappers of a kind."""
     if isinstance(driver, kind):
         return _without(kind, driver.driver)
     return (
@@ -66,15 +66,15 @@ def _without(kind: type[Any], driver: Driver) -> Driver:
 
 
 def _laid(kind: type[Any], driver: Driver, amount: float, seed: Mapping[str, int]) -> Driver:
-    """Return the driver under a layer in its place among others; a foreign layer is innermost."""
+    """Return the driver under a wrapper, in its place among others; a foreign one is innermost."""
     if isinstance(driver, OwnWrapper) and driver.place < getattr(kind, "place", math.inf):
         return _over(driver, _laid(kind, driver.driver, amount, seed))
-    layered: Driver = kind.over(driver, amount, **seed)
-    return layered
+    wrapped: Driver = kind.over(driver, amount, **seed)
+    return wrapped
 
 
-def _over(layer: OwnWrapper, driver: Driver) -> OwnWrapper:
-    """Return a copy of a layer over another driver."""
-    layer = copy.copy(layer)
-    layer.driver = driver
-    return layer
+def _over(wrapper: OwnWrapper, driver: Driver) -> OwnWrapper:
+    """Return a copy of a wrapper over another driver."""
+    wrapper = copy.copy(wrapper)
+    wrapper.driver = driver
+    return wrapper

@@ -1,8 +1,8 @@
-"""Layers over any driver: noise on what it sees, delay of what it does, a limited view, haste.
+"""Wrappers over any driver: noise on what it sees, delay of what it does, a limited view, haste.
 
-Layers compose: ``Delayed(Noisy(Planner(), offset=0.2), seconds=0.1)``. They commute, as noise and
-view change what comes in and the delay what goes out; one layer of each kind over a built-in driver
-stays inside the compiled rollout.
+Wrappers compose: ``Delayed(Noisy(Planner(), offset=0.2), seconds=0.1)``. They commute, as noise and
+view change what comes in and the delay what goes out. A built-in driver under one wrapper of each
+kind stays inside the compiled rollout.
 """
 
 from __future__ import annotations
@@ -272,7 +272,7 @@ class Hasty(OwnWrapper):
 
 @dataclass(frozen=True)
 class Compiled:
-    """A built-in driver and its layers, flattened for the compiled rollout."""
+    """A built-in driver and its wrappers, flattened for the compiled rollout."""
 
     law: int
     parameters: FloatArray
@@ -288,7 +288,7 @@ class Compiled:
 def compiled_form(driver: Driver, period: float) -> Compiled | None:
     """Return the driver for the compiled rollout, or None if it has to be called from Python.
 
-    Only the built-in classes themselves qualify, under at most one layer of each kind: a subclass
+    Only the built-in classes themselves qualify, under at most one wrapper of each kind: a subclass
     may do anything in `act`.
     """
     rows, delay, errors, excess = AHEAD_POINTS, 0, None, 0.0

@@ -1,4 +1,4 @@
-"""Measures of a drive: the worst value of each quantity, whether a criterion limits it or not."""
+"""Measures of a drive: the worst value of each signal, whether a criterion limits it or not."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ def measure_criteria(road: Road, drive: Drive, criteria: Iterable[Criterion]) ->
     """Return the worst values in a drive, without criteria whose window is longer than the drive.
 
     Raises:
-        FreneticError: a quantity cannot be measured.
+        FreneticError: a signal cannot be measured.
     """
     located = locate_drive(road, drive)
     measurements = (measure(criterion, located) for criterion in criteria)
@@ -27,13 +27,13 @@ def measure_criteria(road: Road, drive: Drive, criteria: Iterable[Criterion]) ->
 
 
 def measures_json(road: Road, drive: Drive) -> list[dict[str, Any]]:
-    """Return the worst value of every quantity in a drive, with the drive's limits, for JSON.
+    """Return the worst value of every signal in a drive, with the drive's limits, for JSON.
 
     Raises:
-        FreneticError: a quantity cannot be measured.
+        FreneticError: a signal cannot be measured.
     """
     located = locate_drive(road, drive)
-    limits = {criterion.quantity: criterion for criterion in drive.rules.criteria.criteria}
+    limits = {criterion.signal: criterion for criterion in drive.rules.criteria.criteria}
     rows = []
     for name in {**SIGNALS, **limits}:
         measurement, limit = worst(name, located), limits.get(name)
@@ -41,7 +41,7 @@ def measures_json(road: Road, drive: Drive) -> list[dict[str, Any]]:
             continue
         rows.append(
             {
-                "quantity": name,
+                "signal": name,
                 "unit": signal_named(name).unit,
                 "value": measurement.value,
                 "side": measurement.side,

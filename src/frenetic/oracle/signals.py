@@ -1,4 +1,4 @@
-"""The quantities that criteria limit: their values at each record, and the worst value of a drive.
+"""The signals that criteria limit: their values at each record, and the worst value of a drive.
 
 Derivatives come from ``np.gradient``. The mean of a derivative over a window is the difference
 between the values at the window's ends, divided by the window. A value whose window begins before
@@ -141,7 +141,7 @@ def _is_whole(time: FloatArray, window: float) -> npt.NDArray[np.bool_]:
     return whole
 
 
-# Quantities
+# Signals
 
 
 def _speeding_up(located: LocatedDrive) -> FloatArray:
@@ -197,12 +197,12 @@ _SERIES: Final[Mapping[str, _Series]] = MappingProxyType(
         "duration": lambda located, _: located.path.time,
     }
 )
-"""Name of a quantity -> function that returns its value at each record, (n,), in its unit."""
+"""Name of a signal -> function that returns its value at each record, (n,), in its unit."""
 
 
 @dataclass(frozen=True)
 class Measurement:
-    """The worst value of a quantity in a drive."""
+    """The worst value of a signal in a drive."""
 
     criterion: Criterion
     value: float
@@ -215,25 +215,25 @@ class Measurement:
 
     @property
     def margin(self) -> float:
-        """Distance from the limit in the quantity's unit, negative beyond the limit."""
+        """Distance from the limit in the signal's unit, negative beyond the limit."""
         return self.criterion.margin(self.value)
 
     @property
     def share(self) -> float:
-        """Margin divided by the quantity's scale, comparable between quantities."""
-        return self.margin / signal_named(self.criterion.quantity).scale
+        """Margin divided by the signal's scale, comparable between signals."""
+        return self.margin / signal_named(self.criterion.signal).scale
 
     def text(self) -> str:
         """Return value and limit in words."""
-        limited, criterion = signal_named(self.criterion.quantity), self.criterion
+        limited, criterion = signal_named(self.criterion.signal), self.criterion
         return f"{limited.words} {limited.text(self.value)} ({criterion.text()})"
 
 
 def series(name: str, located: LocatedDrive, window: float) -> FloatArray:
-    """Return the value of a quantity at each record, (n,), in its unit; NaN where it has no value.
+    """Return the value of a signal at each record, (n,), in its unit; NaN where it has no value.
 
     Raises:
-        FreneticError: the function of another package's quantity raised an error, or did not
+        FreneticError: the function of another package's signal raised an error, or did not
             return one number for each record.
     """
     if (installed_series := signal_named(name).series) is None:
@@ -243,23 +243,21 @@ def series(name: str, located: LocatedDrive, window: float) -> FloatArray:
     try:
         values = np.asarray(installed_series(located, window), dtype=np.float64)
     except Exception as error:  # foreign code may raise anything
-        raise FreneticError(f"the quantity {name} raised {error!r}") from error
+        raise FreneticError(f"the signal {name} raised {error!r}") from error
     if values.shape != located.distance.shape:
-        raise FreneticError(
-            f"the quantity {name} gave {values.shape}: one value a record is needed"
-        )
+        raise FreneticError(f"the signal {name} gave {values.shape}: one value a record is needed")
     return values
 
 
 def measure(criterion: Criterion, located: LocatedDrive) -> Measurement | None:
-    """Return the worst value of a criterion's quantity.
+    """Return the worst value of a criterion's signal.
 
     None if the drive is shorter than the criterion's window.
 
     Raises:
         FreneticError: `series` cannot compute the values.
     """
-    limited = signal_named(criterion.quantity)
+    limited = signal_named(criterion.signal)
     values = series(limited.name, located, criterion.window)
     if not np.isfinite(values).any():
         return None
@@ -276,12 +274,12 @@ def measure(criterion: Criterion, located: LocatedDrive) -> Measurement | None:
 
 
 def worst(name: str, located: LocatedDrive) -> Measurement | None:
-    """Return the worst value of a quantity, in the window of the drive's criterion for it.
+    """Return the worst value of a signal, in the window of the drive's criterion for it.
 
-    Without such a criterion, the quantity's usual window counts.
+    Without such a criterion, the signal's usual window counts.
 
     Raises:
         FreneticError: `series` cannot compute the values.
     """
-    criteria = {criterion.quantity: criterion for criterion in located.rules.criteria.criteria}
+    criteria = {criterion.signal: criterion for criterion in located.rules.criteria.criteria}
     return measure(criteria.get(name) or Criterion(name, 0.0, signal_named(name).window), located)

@@ -47,7 +47,7 @@ class Finding:
     """One breach of a criterion in a drive."""
 
     criterion: str
-    """`LANE`, `DRIVER` or the name of a quantity, see `frenetic.criteria.criterion`."""
+    """`LANE`, `DRIVER` or the name of a signal, see `frenetic.criteria.criterion`."""
     value: Finite
     """Value that breached the criterion."""
     limit: Finite
@@ -414,7 +414,7 @@ def _breaches(road: Road, drive: Drive, assessment: Assessment) -> list[Finding]
     """Return the findings of the criteria beside the lane, each where its value is worst.
 
     Raises:
-        FreneticError: a quantity cannot be measured.
+        FreneticError: a signal cannot be measured.
     """
     located = locate_drive(road, drive, assessment)
     path = located.path
@@ -429,7 +429,7 @@ def _breaches(road: Road, drive: Drive, assessment: Assessment) -> list[Finding]
             i = worst_value.record
             findings.append(
                 Finding(
-                    criterion.quantity,
+                    criterion.signal,
                     worst_value.value,
                     criterion.limit,
                     worst_value.side,
@@ -444,7 +444,7 @@ def _breaches(road: Road, drive: Drive, assessment: Assessment) -> list[Finding]
 
 def breach_text(findings: Sequence[Finding], criteria: CriteriaSet) -> str:
     """Return the breaches of criteria beside the lane, in a sentence; empty without breaches."""
-    limits = {criterion.quantity: criterion for criterion in criteria.criteria}
+    limits = {criterion.signal: criterion for criterion in criteria.criteria}
     texts = []
     for finding in findings:
         if finding.criterion in limits:

@@ -53,7 +53,7 @@ def version_of(
     arguments: Mapping[str, Any] | None = None,
     construction: Construction | None = None,
 ) -> Version:
-    """Return the version of a strategy, driver, layer, simulator or other part; never raise.
+    """Return the version of a strategy, driver, wrapper, simulator or other part; never raise.
 
     Args:
         part: the object.
@@ -258,7 +258,7 @@ def over_each_other(record: object) -> Iterator[Mapping[str, Any]]:
 
 
 def innermost(record: object) -> Mapping[str, Any]:
-    """Return the record of a part without the layers over it."""
+    """Return the record of a part without the wrappers over it."""
     *_, inner = over_each_other(record)
     return inner
 
@@ -283,7 +283,7 @@ def differences(kind: str, before: object, now: object) -> tuple[str, ...]:
 
 
 def other_version(kind: str, before: object, now: object) -> str:
-    """Return a text if two records show different versions of a part, whatever options and layers.
+    """Return a text if two records show different versions of a part; options and wrappers are ignored.
 
     The text is empty for equal versions, for two different parts, and without a record.
     """

@@ -33,7 +33,7 @@ class ReplayRoads(Strategy):
         tests: ids of its tests, which must have been driven.
         conditions: conditions of each drive of a test, by the names of `frenetic.conditions`, where
             they differ from the test's recorded ones. By default one drive in the recorded ones.
-        instead: quantities whose recorded amounts do not count, because driver or simulator have
+        instead: conditions whose recorded amounts do not count, because driver or simulator have
             others.
 
     Raises:
@@ -62,7 +62,7 @@ class ReplayRoads(Strategy):
         with CampaignStore.open(campaign) as store:
             roads = [_driven_candidate(store, test) for test in tests]
             created_at = store.fact("created_at")
-        instead = require_list("instead", instead, "quantities")
+        instead = require_list("instead", instead, "conditions")
         instead = sorted(name for name in instead if any(name in road.conditions for road in roads))
         self._campaign = str(campaign)
         self.options: Mapping[str, Any] = {

@@ -204,7 +204,7 @@ def rerun_with(
 ) -> Rerun:
     """Drive tests of a campaign again, each at its place on the map and in its recorded conditions.
 
-    A varied quantity has the same amounts in every test, except that a usual range lies around a
+    A varied condition has the same amounts in every test, except that a usual range lies around a
     test's recorded amount. An interrupted rerun goes on, a complete one is read.
 
     Args:
@@ -212,23 +212,23 @@ def rerun_with(
         tester: drives on the campaign's terms or in other conditions; see `campaign_tester`.
         tests: ids of tests; by default all failures, the most severe first.
         times: number of drives of each test.
-        vary: ranges of the varied quantities; none by default.
+        vary: ranges of the varied conditions; none by default.
         seed: seed of the conditions.
-        instead: quantities whose recorded amounts do not count, because simulator or driver have
+        instead: conditions whose recorded amounts do not count, because simulator or driver have
             others.
         options: see `RerunOptions`.
 
     Raises:
         CampaignError: the campaign is damaged, a test was not driven, or see
             `frenetic.rerun.campaigns.rerun_campaign`.
-        FreneticError: the simulator cannot vary a quantity, or cannot have a recorded condition.
+        FreneticError: the simulator cannot vary a condition, or cannot lay a recorded one.
         ValueError: an option is out of range.
     """
     seed = int(seed)  # which may be numpy's
-    instead = sorted(require_list("instead", instead, "quantities"))
+    instead = sorted(require_list("instead", instead, "conditions"))
     vary = require_list("vary", vary, "variations")
     vary = [
-        replace(variation, is_usual=variation.is_usual and variation.quantity not in instead)
+        replace(variation, is_usual=variation.is_usual and variation.condition not in instead)
         for variation in vary
     ]
     drawn = draw_conditions(vary, times, seed)
@@ -243,9 +243,9 @@ def rerun_with(
         road.id: without(recorded_conditions(road, simulator.rules), *instead)
         for road in candidates
     }
-    # One test of those with the same quantities is checked.
-    by_quantities = {frozenset(amounts): amounts for amounts in recorded.values()}
-    for amounts in ({}, *by_quantities.values()):
+    # One test of those with the same conditions is checked.
+    by_conditions = {frozenset(amounts): amounts for amounts in recorded.values()}
+    for amounts in ({}, *by_conditions.values()):
         check_pair_in(terms.conditions_of({**amounts, **drawn[0]}), simulator, driver)
     conditions: DriveConditions = drawn
     if any(
@@ -278,7 +278,7 @@ def drive_tests(
         tests: ids of tests.
         conditions: conditions of each drive.
         variations: ranges from which the conditions were drawn, for the record.
-        instead: quantities whose recorded amounts do not count.
+        instead: conditions whose recorded amounts do not count.
         options: see `RerunOptions`.
 
     Raises:
@@ -374,7 +374,7 @@ def _repeats(
 ) -> Repeats:
     """Return the drives of a test; they are the campaign's own if only varied conditions differ."""
     conditions = recorded.candidate.conditions
-    varied = [variation.quantity for variation in variations]
+    varied = [variation.condition for variation in variations]
     is_own &= all(
         without(drive.conditions, *varied, SEED) == without(conditions, *varied, SEED)
         for drive in drives

@@ -140,7 +140,7 @@ class Repeat:
 class Influence:
     """Influence of a varied condition on the drives."""
 
-    quantity: str
+    condition: str
     spearman: float
     """Rank correlation -1..1 of the amount with `Repeat.margin`: negative if more is worse."""
     p: float
@@ -152,7 +152,7 @@ class Influence:
         return self.p < SIGNIFICANT
 
     def __str__(self) -> str:
-        row = condition_named(self.quantity)
+        row = condition_named(self.condition)
         worse = row.less if self.spearman > 0.0 else row.more
         return f"{worse} is worse (Spearman {self.spearman:.2f})"
 
@@ -177,7 +177,7 @@ class Repeats:
     @property
     def conditions(self) -> Conditions:
         """Conditions of the drives, without the varied ones."""
-        varied = (variation.quantity for variation in self.variations)
+        varied = (variation.condition for variation in self.variations)
         return without(self.drives[0].conditions, *varied)
 
     @property
@@ -244,7 +244,7 @@ class Repeats:
         """
         judged = [drive for drive in self.drives if drive.outcome.is_driven]
         margins = [drive.margin for drive in judged]
-        names = [variation.quantity for variation in self.variations if not variation.is_fixed]
+        names = [variation.condition for variation in self.variations if not variation.is_fixed]
         if len(judged) < LEAST_DRIVES or len(set(margins)) == 1:
             return ()
         columns = [[drive.conditions.get(name, 0.0) for drive in judged] for name in names]

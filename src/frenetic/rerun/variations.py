@@ -25,21 +25,21 @@ class Variation:
         FreneticError: the condition is unknown, or the range is reversed or not allowed.
     """
 
-    quantity: str
+    condition: str
     """Name of the condition in `frenetic.conditions`."""
     low: float
     high: float
-    """Equal to `low` if the quantity is only set, not varied."""
+    """Equal to `low` if the condition is only set, not varied."""
     is_usual: bool = field(default=False, compare=False)
     """Whether the range is the usual one around the campaign's amount; a test with a recorded
     amount has the usual range around that amount."""
 
     def __post_init__(self) -> None:
         take_numpy_scalars(self)
-        row = condition_named(self.quantity)
+        row = condition_named(self.condition)
         if not row.low <= self.low <= self.high <= row.high:
             raise FreneticError(
-                f"cannot vary {self.quantity} from {self.low:g} to {self.high:g}: a range LOW:HIGH"
+                f"cannot vary {self.condition} from {self.low:g} to {self.high:g}: a range LOW:HIGH"
                 f" within {row.allowed} is needed"
             )
 
@@ -63,20 +63,20 @@ class Variation:
 
     def of(self, conditions: Conditions) -> Variation:
         """Return the variation for a test with these recorded conditions."""
-        if not self.is_usual or self.quantity not in conditions:
+        if not self.is_usual or self.condition not in conditions:
             return self
-        low, high = condition_named(self.quantity).around(conditions[self.quantity])
+        low, high = condition_named(self.condition).around(conditions[self.condition])
         return replace(self, low=low, high=high)
 
     @property
     def is_fixed(self) -> bool:
-        """Whether the quantity is only set, not varied."""
+        """Whether the condition is only set, not varied."""
         return self.low == self.high
 
     def __str__(self) -> str:
-        unit = condition_named(self.quantity).unit
+        unit = condition_named(self.condition).unit
         text = f"{self.low:.3g}" if self.is_fixed else f"{self.low:.3g} to {self.high:.3g}"
-        return f"{self.quantity} {text}{' ' if unit else ''}{unit}"
+        return f"{self.condition} {text}{' ' if unit else ''}{unit}"
 
 
 def recorded_conditions(road: Candidate, rules: Rules) -> Conditions:
@@ -91,29 +91,29 @@ def draw_conditions(
 ) -> tuple[Conditions, ...]:
     """Draw the conditions of several drives from ranges, as a Latin hypercube.
 
-    The range of each quantity is cut into ``times`` equal parts, each of which gives one value. So
+    The range of each condition is cut into ``times`` equal parts, each of which gives one value. So
     the conditions cover the ranges evenly, and the interval of a share is, if anything, too wide.
     A seeded condition such as noise gets another seed in each drive.
 
     Raises:
         ValueError: ``times`` is not a positive whole number, the seed is not a whole number from 0
-            to 2⁶³ - 1, or two variations have the same quantity.
+            to 2⁶³ - 1, or two variations have the same condition.
     """
     times = require_count("times", times)
     check({"seed": seed}, draw_conditions)
-    table, names = list(known_conditions()), [variation.quantity for variation in variations]
+    table, names = list(known_conditions()), [variation.condition for variation in variations]
     for name in names:
         if names.count(name) > 1:
             raise ValueError(f"{name} is varied twice: give one range for it")
     rng = np.random.default_rng(seed)
     drawn: list[dict[str, float]] = [{} for _ in range(times)]
     # In the order of the table, so that the caller's order does not change the draws.
-    for variation in sorted(variations, key=lambda v: table.index(v.quantity)):
+    for variation in sorted(variations, key=lambda v: table.index(v.condition)):
         shares = (rng.permutation(times) + rng.random(times)) / times
         values = variation.low + (variation.high - variation.low) * shares
-        is_seeded = condition_named(variation.quantity).is_seeded
+        is_seeded = condition_named(variation.condition).is_seeded
         for conditions, value in zip(drawn, values.tolist(), strict=True):
-            conditions[variation.quantity] = value
+            conditions[variation.condition] = value
             if is_seeded:
                 conditions[SEED] = int(rng.integers(2**31))
     return tuple(drawn)

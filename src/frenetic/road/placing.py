@@ -78,8 +78,8 @@ def fit_to_map(
             and some air.
 
     Raises:
-        RoadError: There are no points, they are not finite pairs of numbers, the map has no size, or
-            the margin is negative.
+        RoadError: There are no points, they are not finite pairs of numbers, the map has no
+            size, or the margin is negative.
     """
     if not 0.0 < map_size < math.inf:
         raise RoadError(f"map_size is {map_size!r}, but must be a positive number of metres")

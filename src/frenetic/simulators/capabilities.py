@@ -57,7 +57,7 @@ class SimulatorDefaults:
         return [module for module in self.needs if find_spec(module) is None]
 
     def lays(self, row: Condition) -> bool:
-        """Return whether the simulator lays a quantity, as an attribute or over the driver."""
+        """Return whether the simulator lays a condition, as an attribute or over the driver."""
         return not row.attribute or row.attribute in self.variable
 
 
@@ -120,8 +120,8 @@ def _variable(part: object) -> frozenset[str]:
 def check_pair(simulator: Simulator, driver: Driver) -> None:
     """Check whether a driver can drive in a simulator, before anything is driven.
 
-    It looks at the driver's period and camera, and asks the driver and those under its layers (see
-    `SelectiveDriver`), and the simulator's ``check_driver``.
+    It looks at the driver's period and camera, and asks the driver, the drivers under its wrappers
+    (see `SelectiveDriver`) and the simulator's ``check_driver``.
 
     Raises:
         DriverError: Driver or simulator refuses, the simulator cannot keep the driver's period, or

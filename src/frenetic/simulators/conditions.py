@@ -2,7 +2,7 @@
 
 A simulator offers the conditions that it can vary as attributes that may be set between two drives
 (`frenetic.simulators.capabilities`): ``rules``, which every simulator has, and ``friction``,
-``start_offset`` and so on if it can. The other conditions are layers over the driver.
+``start_offset`` and so on if it can. The other conditions are wrappers over the driver.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from frenetic.simulators.capabilities import capabilities, check_pair
 from frenetic.simulators.simulator import Simulator
 
 Conditions: TypeAlias = Mapping[str, float]
-"""Name of a quantity -> its amount, where it differs from the campaign's; and the seed of what is
+"""Name of a condition -> its amount, where it differs from the campaign's; and the seed of what is
 random, as `frenetic.conditions.condition.SEED`."""
 
 
@@ -42,10 +42,10 @@ def check_conditions(values: Conditions) -> None:
 
 
 def check_can_vary(simulator: Simulator, names: Iterable[str]) -> None:
-    """Refuse quantities that a simulator cannot vary.
+    """Refuse conditions that a simulator cannot vary.
 
     Raises:
-        FreneticError: The simulator cannot vary a quantity.
+        FreneticError: The simulator cannot vary a condition.
     """
     declared = capabilities(simulator)
     for row in map(condition_named, names):
@@ -58,7 +58,7 @@ def check_can_vary(simulator: Simulator, names: Iterable[str]) -> None:
 
 
 def own_amount(simulator: Simulator, name: str) -> float | None:
-    """Return a simulator's amount of a quantity that is its attribute; None if there is none."""
+    """Return a simulator's amount of a condition that is its attribute; None if there is none."""
     value: Any = getattr(simulator, condition_named(name).attribute)
     if value is None:  # it is the vehicle's
         value = getattr(getattr(simulator, "vehicle", None), condition_named(name).attribute, None)
@@ -117,8 +117,8 @@ def check_pair_in(conditions: Conditions, simulator: Simulator, driver: Driver) 
     Raises:
         FreneticError: The simulator or the driver cannot have the conditions.
     """
-    with in_conditions(conditions, simulator, driver) as layered:
-        check_pair(simulator, layered)
+    with in_conditions(conditions, simulator, driver) as wrapped:
+        check_pair(simulator, wrapped)
 
 
 def _set(simulator: Simulator, values: Mapping[str, object]) -> None:

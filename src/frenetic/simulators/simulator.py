@@ -65,11 +65,11 @@ T = TypeVar("T", float, float | None)
 
 
 class Amount(Generic[T]):
-    """An attribute of a simulator with the amount of a quantity, checked when it is set.
+    """An attribute of a simulator with the amount of a condition, checked when it is set.
 
     Args:
-        name: Name of the quantity.
-        usual: Amount that holds until another is set; it need not be in the quantity's range.
+        name: Name of the condition.
+        usual: Amount that holds until another is set; it need not be in the condition's range.
     """
 
     def __init__(self, name: str, usual: T) -> None:

@@ -160,19 +160,19 @@ def _plain(value: object, depth: int = 0) -> JSONValue:
 def part_text(part: object, recorded: object = None, *, word: object = None) -> str:
     """Return a part with its options as the command line writes it: ``planner,aggression=1.2``.
 
-    Layers over a driver follow in words, as in ``planner, delayed (seconds 0.05)``. Defaults of
+    Wrappers over a driver follow in words, as in ``planner, delayed (seconds 0.05)``. Defaults of
     built-in parts are left out, and so are a strategy's options that its campaign has.
 
     Args:
-        part: record of the part, see `describe`; the text names the driver under its layers.
+        part: record of the part, see `describe`; the text names the driver under its wrappers.
         recorded: record of another part of the same class, whose differing options are added.
         word: word of the command line for the part, if it is known.
     """
-    *layers, inner = over_each_other(part)
+    *wrappers, inner = over_each_other(part)
     texts = [word if isinstance(word, str) else _part_word(inner, innermost(recorded))]
-    for layer in layers:
-        options = ", ".join(_in_words(dict(_options_of(layer))))
-        name = part_name(layer).lower()
+    for wrapper in wrappers:
+        options = ", ".join(_in_words(dict(_options_of(wrapper))))
+        name = part_name(wrapper).lower()
         texts.append(f"{name} ({options})" if options else name)
     return ", ".join(texts)
 
@@ -189,7 +189,7 @@ def recorded_part(config: Mapping[str, Any], kind: str) -> str:
 
 
 def _part_word(part: Mapping[str, Any], recorded: Mapping[str, Any]) -> str:
-    """Return name and options of a part without layers, as on a command line."""
+    """Return name and options of a part without wrappers, as on a command line."""
     name, options = part_name(part), dict(_options_of(part))
     defaults = _default_options(str(part.get("class", "")))
     is_alike = part_name(recorded) == name

@@ -66,7 +66,7 @@ class RunEntries(
     conditions: Annotated[
         dict[str, float],
         _about(
-            "A condition: delay=0.1, friction=0.5; may be repeated ('frenetic list quantities').",
+            "A condition: delay=0.1, friction=0.5; may be repeated ('frenetic list conditions').",
             "NAME=VALUE",
         ),
     ] = field(name="with", default_factory=dict)

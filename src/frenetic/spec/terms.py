@@ -39,7 +39,7 @@ class Terms:
     domain: Domain | None = None
     """Domain whose conditions its drives have; None for the usual ones."""
     conditions: Mapping[str, float] = field(default_factory=dict)
-    """Name of a quantity -> its amount in every drive, see `frenetic.conditions`."""
+    """Name of a condition -> its amount in every drive, see `frenetic.conditions`."""
 
     def __post_init__(self) -> None:
         take_numpy_scalars(self)

@@ -100,7 +100,7 @@ def keeps_lane(
         seconds: wall time after which it ends.
         seed: of the search.
         simulator: its name with options, as for ``--simulator``.
-        conditions: amounts of quantities of the driver, as for ``--with``.
+        conditions: amounts of conditions of the driver, as for ``--with``.
         speed_limit: km/h; by default the roads' limit.
         oob_tolerance: share of the car that may be out; 0.95 by default.
 

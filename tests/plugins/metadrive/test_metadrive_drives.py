@@ -307,7 +307,7 @@ class TestExpert(DriverContract):
         return MetaDriveExpert()
 
 
-def test_layers_over_metadrives_drivers_are_refused(simulator: MetaDriveSimulator) -> None:
+def test_wrappers_over_metadrives_drivers_are_refused(simulator: MetaDriveSimulator) -> None:
     drive = simulator.drive(WINDING, Noisy(MetaDriveIdm()))
     assert drive.trouble is not None
     assert "noise, delay and view do not reach it: leave them out" in drive.trouble.reason

@@ -240,7 +240,7 @@ def test_a_verdict_tells_baselines_and_a_twin_that_fails_more_or_less_often() ->
         (["braking=1"], "bounds of driver.braking are 1: LOW:HIGH"),
         (["braking=-1:1"], "driver.braking cannot be -1: .*braking is -1"),
         (["friction=0.5:9"], "vehicle.friction cannot be 9: .*lifts an axle"),
-        (["delay"], "layer.delay is 0, so it has no usual bounds"),
+        (["delay"], "condition.delay is 0, so it has no usual bounds"),
         ([], "nothing is to be fitted"),
     ],
 )
@@ -358,7 +358,7 @@ def test_it_prints_a_verdict_and_writes_a_profile(frenetic: Frenetic) -> None:
     Path("fit.toml").write_text(FILE, encoding="utf-8")
     result = frenetic("calibrate", "fit.toml", "--fit", "delay=0:0.1", "--out", "new/twin.json")
     assert result.code == 0
-    for words in ("layer.delay", "largest curvature", "start from"):
+    for words in ("condition.delay", "largest curvature", "start from"):
         assert words in result.out
     profile = TwinProfile.read("new/twin.json")
     assert profile.validation is not None

@@ -189,7 +189,7 @@ def test_run_show_and_report_say_what_foresight_came_to(frenetic: Command) -> No
         ),
         ((), {"driver": "planner,courage=3"}, "courage"),
         ((), {"oob_tolerance": 2}, "oob_tolerance"),
-        ((), {"with": {"noise": 0.1}}, "a layer noise, which nobody fitted"),
+        ((), {"with": {"noise": 0.1}}, "the condition noise, which nobody fitted"),
     ],
 )
 def test_a_twin_that_does_not_suit_is_refused_in_a_line(

@@ -71,7 +71,7 @@ def test_it_is_read_as_written_and_drives_as_its_parts_made_by_hand(tmp_path: Pa
         ({}, {"versoin": 1}, r"unknown field `versoin`"),
         ({}, {"version": 99}, r"at `\$.version`"),
         ({"haze": 0.1}, {}, r"there is no entry .haze."),
-        ({"with": {"haze": 0.1}}, {}, r"unknown quantity 'haze'"),
+        ({"with": {"haze": 0.1}}, {}, r"unknown condition 'haze'"),
         ({"roads": "urban-51"}, {}, r"there is no road class 'urban-51'"),
         ({"speed_limit": 0.0}, {}, r"speed_limit is 0.0: a number > 0 is needed"),
     ],

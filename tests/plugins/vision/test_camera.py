@@ -48,11 +48,11 @@ def camera_data(record: Test, config: Mapping[str, JSONValue]) -> Film | None:
     return camera_film(config)(record)
 
 
-@pytest.fixture(scope="module", params=["layers", "conditions"])
+@pytest.fixture(scope="module", params=["wrappers", "conditions"])
 def searched(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A campaign in fog, laid over the driver by hand or as a condition of the campaign."""
     folder = tmp_path_factory.mktemp("seen") / "campaign"
-    if request.param == "layers":
+    if request.param == "wrappers":
         run(folder, load_driver("marking-follower", fog=25.0, delay=0.1), 2)
     else:
         run(folder, load_driver("marking-follower"), 2, {"fog": 25.0, "delay": 0.1})
@@ -65,7 +65,7 @@ def picture(url: str) -> np.ndarray:
     return np.asarray(Image.open(io.BytesIO(base64.b64decode(data)))).astype(float)
 
 
-def test_a_report_shows_what_the_camera_saw_through_its_layers(searched: Path) -> None:
+def test_a_report_shows_what_the_camera_saw_through_its_wrappers(searched: Path) -> None:
     with CampaignStore.open(searched) as store:
         report = campaign_report(store)
         record = store.test(report.data["drives"][0]["id"])

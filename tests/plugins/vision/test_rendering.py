@@ -193,17 +193,17 @@ def test_what_is_no_camera_is_the_drivers_error() -> None:
     assert drive.trouble.reason == "the driver's camera is 'a webcam': a frenetic.Camera is needed"
 
 
-# Layers
+# Wrappers
 
 
-def test_each_layer_changes_the_picture_and_repeats() -> None:
+def test_each_wrapper_changes_the_picture_and_repeats() -> None:
     def pictures(**amounts: float) -> list[Any]:
         driver = Watching(Camera(width=64, height=32))
-        layered: Driver = driver
+        wrapped: Driver = driver
         for name, amount in amounts.items():
-            layered = appearance.ALL[name].over(layered, amount)
+            wrapped = appearance.ALL[name].over(wrapped, amount)
         with EmbeddedSimulator() as simulator:
-            simulator.drive(SHORT, layered)
+            simulator.drive(SHORT, wrapped)
         return list(driver.images)
 
     plain = np.array(pictures())
@@ -219,7 +219,7 @@ def test_each_layer_changes_the_picture_and_repeats() -> None:
     np.testing.assert_array_equal(np.array(pictures(light=1.0, blur=0.0, grain=0.0)), plain)
 
 
-def test_a_layer_for_a_camera_is_refused_over_a_driver_without_one() -> None:
+def test_a_wrapper_for_a_camera_is_refused_over_a_driver_without_one() -> None:
     with pytest.raises(FreneticError, match=r"light changes what a camera sees, and the driver"):
         load_driver("planner", light=0.5)
     with pytest.raises(FreneticError, match=r"fog is 1: 2 to 100000 m is needed"):
@@ -230,9 +230,9 @@ def test_conditions_lay_what_they_vary_in_the_order_of_one_picture() -> None:
     driver = load_driver("marking-follower", grain=3.0, fog=50.0, noise=0.1)
     with (
         EmbeddedSimulator() as simulator,
-        in_conditions({"light": 0.5, "fog": 70.0}, simulator, driver) as layered,
+        in_conditions({"light": 0.5, "fog": 70.0}, simulator, driver) as wrapped,
     ):
-        described = describe(layered)
+        described = describe(wrapped)
     found = []
     while "driver" in described:
         found.append((str(described["class"]).rpartition(":")[2], described["options"]))

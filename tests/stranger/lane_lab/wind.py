@@ -1,11 +1,11 @@
-"""Wind, a quantity of its own: it turns the wheels a little."""
+"""Wind, a condition of its own: it turns the wheels a little."""
 
 from dataclasses import replace
 
 from frenetic import Controls, Driver, DriveSetup, Observation
 from frenetic.conditions.condition import Condition
 
-QUANTITIES = (
+CONDITIONS = (
     Condition(
         name="wind",
         about="angle by which wind from the right turns the wheels",
@@ -14,7 +14,7 @@ QUANTITIES = (
         high=0.5,
         usual=(0.0, 0.1),
         nothing=0.0,
-        layer="lane_lab.wind:Windy",
+        wrapper="lane_lab.wind:Windy",
     ),
 )
 

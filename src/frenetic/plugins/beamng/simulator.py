@@ -14,7 +14,7 @@ from msgspec import Meta
 
 from frenetic._support.bounds import Count, Finite, Positive, Text, check
 from frenetic.drivers import BeamngAi, Driver, DriveSetup
-from frenetic.drivers.driver import camera_of, check_other_world, under_layers
+from frenetic.drivers.driver import camera_of, check_other_world, unwrapped
 from frenetic.errors import DriverError, Trouble
 from frenetic.oracle.drive import CarBody, Drive, Rules, Trajectory
 from frenetic.plugins.beamng.car import BeamngCar, MeasuredCar
@@ -298,7 +298,7 @@ class BeamngSimulator:
 
     def _drives_itself(self, driver: Driver) -> bool:
         """Whether the driver is BeamNG.AI; raises a `DriverError` for options that it lacks."""
-        inner = under_layers(driver)
+        inner = unwrapped(driver)
         if type(inner) is not BeamngAi:
             return False
         if inner is not driver:

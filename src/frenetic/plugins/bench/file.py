@@ -177,7 +177,7 @@ def _split(entries: Mapping[str, Any]) -> tuple[Spec, BenchFile]:
 
     Raises:
         ValueError: an entry is unknown, of another kind or out of range.
-        FreneticError: there are no such roads, criteria or quantities.
+        FreneticError: there are no such roads, criteria or signals.
     """
     bench_entries = {name: value for name, value in entries.items() if name in _OWN}
     said = {name: value for name, value in entries.items() if name not in _OWN}

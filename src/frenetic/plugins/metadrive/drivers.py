@@ -18,7 +18,7 @@ from frenetic._support.arrays import FloatArray
 from frenetic._support.bounds import Positive, check
 from frenetic._support.onnx_model import OnnxModel, read_model, shown_shape
 from frenetic.drivers import Controls, Driver, DriveSetup, Observation
-from frenetic.drivers.driver import under_layers
+from frenetic.drivers.driver import unwrapped
 from frenetic.errors import DriverError
 from frenetic.plugins.metadrive.car import VEHICLE, Decision
 from frenetic.plugins.metadrive.expert import (
@@ -238,9 +238,9 @@ def metadrive_driver(driver: Driver) -> MetaDriveDriver | None:
     """Return the driver if it is one of MetaDrive's own, otherwise None.
 
     Raises:
-        DriverError: it is one of MetaDrive's own under layers, which would not reach it.
+        DriverError: it is one of MetaDrive's own under wrappers, which would not reach it.
     """
-    inner = under_layers(driver)
+    inner = unwrapped(driver)
     if not isinstance(inner, MetaDriveDriver):
         return None
     if inner is not driver:

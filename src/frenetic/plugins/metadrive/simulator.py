@@ -142,11 +142,11 @@ class MetaDriveSimulator(StartingPlace, PolicySimulator):
             world.close()
 
     def check_driver(self, driver: Driver) -> None:
-        """Refuse MetaDrive's own drivers under layers, and cameras where it cannot draw.
+        """Refuse MetaDrive's own drivers under wrappers, and cameras where it cannot draw.
 
         Raises:
             DriverError: it is such a one; or it has a camera, and MetaDrive cannot draw here or
-                not what its lens and layers ask for.
+                not what its lens and wrappers ask for.
         """
         metadrive_driver(driver)
         check_other_world(driver, "MetaDrive")

@@ -11,7 +11,7 @@ from msgspec import structs
 
 from frenetic._support.files import require_list
 from frenetic._support.words import part_word
-from frenetic.drivers.driver import Driver, under_layers
+from frenetic.drivers.driver import Driver, unwrapped
 from frenetic.drivers.loading import load_driver
 from frenetic.errors import FreneticError
 from frenetic.oracle.drive import Rules
@@ -21,12 +21,13 @@ from frenetic.simulators.embedded import EmbeddedSimulator
 from frenetic.simulators.embedded.vehicle import Vehicle
 from frenetic.spec import Spec
 
-ParameterOwner: TypeAlias = Literal["driver", "vehicle", "layer"]
+ParameterOwner: TypeAlias = Literal["driver", "vehicle", "condition"]
 
 SPAN: Final = 4.0
 """A parameter without stated bounds is searched from its value over this to its value times it."""
 _HALVINGS: Final = 20
-_FITTED_LAYERS: Final = ("delay",)  # noise differs from drive to drive, and a view may be endless
+_FITTED_CONDITIONS: Final = ("delay",)
+"""Conditions to fit: noise differs from drive to drive, and a view may be endless."""
 
 
 @dataclass(frozen=True)
@@ -108,7 +109,7 @@ class TwinModel:
             default_driver, _ = model.make({}, Rules())
         except ValueError as error:
             raise FreneticError(str(error)) from None
-        if brought := getattr(under_layers(default_driver), "VEHICLE", None):
+        if brought := getattr(unwrapped(default_driver), "VEHICLE", None):
             model = replace(model, vehicle={"name": brought, **model.vehicle})
         car = Vehicle.of(model.vehicle)
         arguments = DRIVERS.construction(driver, driver_options or {}, {}).arguments
@@ -120,7 +121,7 @@ class TwinModel:
             if math.isfinite(value)
         }
         known |= {f"vehicle.{item.name}": getattr(car, item.name) for item in fields(car)}
-        known |= {f"layer.{name}": 0.0 for name in _FITTED_LAYERS}
+        known |= {f"condition.{name}": 0.0 for name in _FITTED_CONDITIONS}
         parameters: dict[str, Parameter] = {}
         for text in fit:
             parameter = model._parameter(text, known)
@@ -134,15 +135,15 @@ class TwinModel:
         """Return the model of a twin's profile, with the parameters that it says were fitted.
 
         Raises:
-            FreneticError: the profile is out of range, or has layers that were not fitted.
+            FreneticError: the profile is out of range, or has conditions that were not fitted.
         """
         spec = profile.spec()
         fitted = [Parameter.of(parameter) for parameter in profile.fitted]
         known = {(parameter.owner, parameter.name) for parameter in fitted}
-        if left := [name for name in spec.conditions if ("layer", name) not in known]:
+        if left := [name for name in spec.conditions if ("condition", name) not in known]:
             raise FreneticError(
-                f"the profile {profile.name!r} has a layer {left[0]}, which nobody fitted: a twin"
-                " drives as a driver and a car alone do"
+                f"the profile {profile.name!r} has the condition {left[0]}, which nobody fitted: a"
+                " twin drives as a driver and a car alone do"
             )
         vehicle = spec.part("simulator").options.get("vehicle") or {}
         if isinstance(vehicle, str):
@@ -158,8 +159,8 @@ class TwinModel:
             raise FreneticError(
                 f"there is no parameter {asked!r} to fit{hint(asked, [*plain, *known])}"
                 f" {self.driver} has:"
-                f" {', '.join(driver_parameters) or 'none that is a number'}; beside: layer.delay,"
-                f" and vehicle. followed by {', '.join(item.name for item in fields(Vehicle))}"
+                f" {', '.join(driver_parameters) or 'none that is a number'}; beside:"
+                f" condition.delay, and vehicle. followed by {', '.join(item.name for item in fields(Vehicle))}"
             )
         if len(matches) > 1:
             raise FreneticError(f"{asked!r} may be {' or '.join(matches)}: say which one")
@@ -210,11 +211,11 @@ class TwinModel:
         return ""
 
     def _options(self, values: Mapping[str, float]) -> dict[str, dict[str, Any]]:
-        """Return the options of driver, vehicle and layers with these values."""
+        """Return the options of driver, vehicle and conditions with these values."""
         options: dict[str, dict[str, Any]] = {
             "driver": dict(self.driver_options),
             "vehicle": dict(self.vehicle),
-            "layer": {},
+            "condition": {},
         }
         for name, value in values.items():
             owner, _, parameter = name.partition(".")
@@ -233,7 +234,7 @@ class TwinModel:
             ValueError: the car refuses the values.
         """
         options = self._options(values)
-        driver = load_driver(self.driver, options["driver"], **options["layer"])
+        driver = load_driver(self.driver, options["driver"], **options["condition"])
         return driver, EmbeddedSimulator(vehicle=Vehicle.of(options["vehicle"]), rules=rules)
 
     def spec(self, values: Mapping[str, float], terms: Spec) -> Spec:
@@ -244,7 +245,7 @@ class TwinModel:
         return structs.replace(
             terms,
             driver=part_word(self.driver, options["driver"]),
-            conditions=options["layer"],
+            conditions=options["condition"],
             simulator=simulator,
         )
 

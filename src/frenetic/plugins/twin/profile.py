@@ -30,7 +30,7 @@ class Fitted(ProfileRecord, frozen=True, kw_only=True):
     """A fitted parameter."""
 
     name: str
-    """Such as ``driver.braking``, ``vehicle.friction`` or ``layer.delay``."""
+    """Such as ``driver.braking``, ``vehicle.friction`` or ``condition.delay``."""
     value: float
     low: float
     """Lower bound of the fit."""
@@ -134,7 +134,7 @@ class TwinProfile(ProfileRecord, frozen=True, kw_only=True):
         write_file(path, text, remedy="choose another place", parents=True)
 
     def spec(self) -> Spec:
-        """Return the spec of the twin: driver, layers, car, rules, map and lane width.
+        """Return the spec of the twin: driver, conditions, car, rules, map and lane width.
 
         Raises:
             FreneticError: it is out of range, or the driver is code that is not loaded unasked

@@ -1,4 +1,4 @@
-"""Layers over a driver with a camera: scenery, worn markings, fog, rain, blur, light and grain.
+"""Wrappers over a driver with a camera: scenery, worn markings, fog, rain, blur, light and grain.
 
 Scenery and wear say what is drawn, which only the embedded simulator does. The others
 change the picture of any simulator: each is a function of the picture, the camera and the
@@ -26,12 +26,12 @@ from frenetic.drivers.driver import (
     OwnWrapper,
     camera_of,
 )
-from frenetic.plugins.vision.quantities import (
+from frenetic.plugins.vision.conditions import (
     BLUR,
+    CONDITIONS,
     FOG,
     GRAIN,
     LIGHT,
-    QUANTITIES,
     RAIN,
     SCENE,
     WEAR,
@@ -53,17 +53,17 @@ _TAPS = 7  # places that a blurred pixel is averaged over
 _BANK = 1 << 16  # different beginnings of the grain
 
 
-class CameraLayer(OwnWrapper):
-    """A layer that changes what a driver's camera sees.
+class CameraWrapper(OwnWrapper):
+    """A wrapper that changes what a driver's camera sees.
 
     Args:
-        driver: the driver underneath; it or one under its layers has a camera.
+        driver: the driver underneath; it or one under its wrappers has a camera.
 
     Raises:
-        ValueError: neither the driver nor one under its layers has a camera.
+        ValueError: neither the driver nor one under its wrappers has a camera.
     """
 
-    quantity: ClassVar[Condition]
+    condition: ClassVar[Condition]
     name: ClassVar[str]
     """Name of its amount."""
 
@@ -71,21 +71,21 @@ class CameraLayer(OwnWrapper):
         camera = camera_of(driver)
         if camera is None:
             raise ValueError(
-                f"{self.quantity.name} changes what a camera sees, and the driver has none:"
+                f"{self.condition.name} changes what a camera sees, and the driver has none:"
                 " leave it out"
             )
         super().__init__(driver)
-        self.amount = self.quantity.require(amount)
+        self.amount = self.condition.require(amount)
         self._camera = camera
 
     @classmethod
     def over(cls, driver: Driver, amount: float, **seed: int) -> Self:
-        """A driver under this layer; a random one takes a seed."""
+        """A driver under this wrapper; a random one takes a seed."""
         return cls(driver, amount, **seed)
 
     @property
     def options(self) -> dict[str, float]:
-        """Options of the layer."""
+        """Options of the wrapper."""
         return {self.name: self.amount}
 
     def act(self, observation: Observation) -> Controls:
@@ -101,7 +101,7 @@ class CameraLayer(OwnWrapper):
         return image
 
 
-class Elsewhere(CameraLayer):
+class Elsewhere(CameraWrapper):
     """A driver in another place: other asphalt, land, sky and sun, drawn from a seed.
 
     Args:
@@ -109,14 +109,14 @@ class Elsewhere(CameraLayer):
         amount: the seed, rounded down; 0 is the usual scene.
     """
 
-    quantity, name, place = SCENE, "seed", 3
+    condition, name, place = SCENE, "seed", 3
 
     def in_scene(self, scene: Scene) -> Scene:
         """Return the scene with another seed."""
         return replace(scene, seed=int(self.amount))
 
 
-class Worn(CameraLayer):
+class Worn(CameraWrapper):
     """A driver on a road whose markings are worn.
 
     Args:
@@ -124,14 +124,14 @@ class Worn(CameraLayer):
         amount: share of the paint that is gone, 0..1.
     """
 
-    quantity, name, place = WEAR, "share", 4
+    condition, name, place = WEAR, "share", 4
 
     def in_scene(self, scene: Scene) -> Scene:
         """Return the scene with worn markings."""
         return replace(scene, wear=self.amount)
 
 
-class Foggy(CameraLayer):
+class Foggy(CameraWrapper):
     """A driver in fog. Light from a distance x comes through to exp(-3 x / visibility).
 
     Args:
@@ -140,7 +140,7 @@ class Foggy(CameraLayer):
             contrast is left.
     """
 
-    quantity, name, place = FOG, "visibility", 5
+    condition, name, place = FOG, "visibility", 5
 
     def alter(self, image: Image, observation: Observation) -> Image:  # noqa: ARG002
         """Return the picture in fog."""
@@ -148,27 +148,27 @@ class Foggy(CameraLayer):
         return _picture(image * through + (1.0 - through) * FOG_COLOUR)
 
 
-class _SeededLayer(CameraLayer):
-    """A layer with chance in it.
+class _SeededWrapper(CameraWrapper):
+    """A wrapper with chance in it.
 
     Args:
         driver: the driver underneath.
-        amount: amount of the layer.
-        seed: seed of the layer's random numbers, from 0.
+        amount: amount of the wrapper.
+        seed: seed of the wrapper's random numbers, from 0.
     """
 
     def __init__(self, driver: Driver, amount: float, *, seed: Index = 0) -> None:
-        check({"seed": seed}, _SeededLayer.__init__)
+        check({"seed": seed}, _SeededWrapper.__init__)
         super().__init__(driver, amount)
         self.seed = int(seed)
 
     @property
     def options(self) -> dict[str, float]:
-        """Options of the layer."""
+        """Options of the wrapper."""
         return {**super().options, "seed": self.seed}
 
 
-class Rainy(_SeededLayer):
+class Rainy(_SeededWrapper):
     """A driver that sees streaks of rain; each picture has its own.
 
     On 160 x 80 pixels there are about 2 streaks for each mm/h, up to a seventh of the height long.
@@ -179,7 +179,7 @@ class Rainy(_SeededLayer):
         seed: of the streaks, from 0.
     """
 
-    quantity, name, place = RAIN, "rate", 6
+    condition, name, place = RAIN, "rate", 6
 
     def alter(self, image: Image, observation: Observation) -> Image:
         """Return the picture with streaks."""
@@ -199,7 +199,7 @@ class Rainy(_SeededLayer):
         return _picture(image + opaque[..., None] * (np.array(RAIN_COLOUR) - image))
 
 
-class Blurred(CameraLayer):
+class Blurred(CameraWrapper):
     """A driver whose camera takes time for a picture, while the car drives and turns.
 
     Each pixel is the mean along the way of what it sees, with the speed and yaw rate of now.
@@ -209,7 +209,7 @@ class Blurred(CameraLayer):
         amount: the time of exposure, in s.
     """
 
-    quantity, name, place = BLUR, "exposure", 7
+    condition, name, place = BLUR, "exposure", 7
 
     def __init__(self, driver: Driver, amount: float) -> None:
         super().__init__(driver, amount)
@@ -224,7 +224,7 @@ class Blurred(CameraLayer):
         return blurred
 
 
-class Lit(CameraLayer):
+class Lit(CameraWrapper):
     """A driver in more or less light than a camera with a fixed exposure is set for.
 
     Args:
@@ -232,7 +232,7 @@ class Lit(CameraLayer):
         amount: factor of the light, 1 is the usual; bright colours saturate above.
     """
 
-    quantity, name, place = LIGHT, "factor", 8
+    condition, name, place = LIGHT, "factor", 8
 
     def alter(self, image: Image, observation: Observation) -> Image:  # noqa: ARG002
         """Return the picture in this light."""
@@ -241,7 +241,7 @@ class Lit(CameraLayer):
         return lit
 
 
-class Grainy(_SeededLayer):
+class Grainy(_SeededWrapper):
     """A driver whose camera's sensor is noisy: Gaussian noise in each colour of each pixel.
 
     Args:
@@ -250,7 +250,7 @@ class Grainy(_SeededLayer):
         seed: of the noise, from 0.
     """
 
-    quantity, name, place = GRAIN, "deviation", 9
+    condition, name, place = GRAIN, "deviation", 9
 
     def alter(self, image: Image, observation: Observation) -> Image:
         """Return the picture with noise."""
@@ -341,5 +341,5 @@ def _smear(image: Image, ways: FloatArray, out: Image) -> None:
             out[v, u, 2] = (blue + _TAPS // 2) // _TAPS
 
 
-ALL: Final[dict[str, type[CameraLayer]]] = {row.name: row.layer_class() for row in QUANTITIES}
-"""Name of a quantity -> its layer."""
+ALL: Final[dict[str, type[CameraWrapper]]] = {row.name: row.wrapper_class() for row in CONDITIONS}
+"""Name of a condition -> its wrapper."""

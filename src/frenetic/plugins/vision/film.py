@@ -46,12 +46,12 @@ def camera_film(config: Mapping[str, JSONValue]) -> Callable[[Test], Film | None
         if eye is None or record.drive is None or len(record.drive.trajectory) < 2:
             return None
         path, road = record.drive.trajectory, record.road
-        layered = _in_conditions(eye, record)
-        renderer = CameraRenderer(road, eye.camera, scene_of(layered))
+        wrapped = _in_conditions(eye, record)
+        renderer = CameraRenderer(road, eye.camera, scene_of(wrapped))
         critical = _critical(record, path)
         taken = evenly(len(path), MOST_PICTURES)
         taken = np.unique(np.append(taken[: MOST_PICTURES - 1], critical))
-        small = [_shrunk(eye.picture(layered, renderer, path, int(i))) for i in taken]
+        small = [_shrunk(eye.picture(wrapped, renderer, path, int(i))) for i in taken]
         height, width, _ = small[0].shape
         rows = math.ceil(len(small) / COLUMNS)
         sheet = np.zeros((rows * height, COLUMNS * width, 3), dtype=np.uint8)
@@ -72,11 +72,11 @@ def camera_film(config: Mapping[str, JSONValue]) -> Callable[[Test], Film | None
 
 
 class _Eye:
-    """A driver that only looks, under the layers of another one."""
+    """A driver that only looks, under the wrappers of another one."""
 
     def __init__(self, camera: Camera) -> None:
         self.camera = camera
-        self.layered: Driver = self
+        self.wrapped: Driver = self
         self.image: Image | None = None
 
     def reset(self, setup: DriveSetup) -> None:
@@ -87,10 +87,10 @@ class _Eye:
         self.image = observation.image
         return Controls(0.0)
 
-    def picture(self, layered: Driver, renderer: CameraRenderer, path: Trajectory, i: int) -> Image:
-        """Return the picture at a record of a drive, under layers."""
+    def picture(self, wrapped: Driver, renderer: CameraRenderer, path: Trajectory, i: int) -> Image:
+        """Return the picture at a record of a drive, under wrappers."""
         picture = renderer.draw(float(path.x[i]), float(path.y[i]), float(path.heading[i]))
-        layered.act(observation_at(path, i, picture))
+        wrapped.act(observation_at(path, i, picture))
         assert self.image is not None
         return self.image
 
@@ -111,28 +111,28 @@ def observation_at(path: Trajectory, i: int, image: Image) -> Observation:
 
 
 def _eye(config: Mapping[str, JSONValue]) -> _Eye | None:
-    """Return the camera and the layers of a campaign's record."""
+    """Return the camera and the wrappers of a campaign's record."""
     simulator: Any = config.get("simulator")
     embedded = f"{EmbeddedSimulator.__module__}:{EmbeddedSimulator.__qualname__}"
     if not isinstance(simulator, Mapping) or simulator.get("class") != embedded:
         return None
-    *layers, innermost = over_each_other(config.get("driver"))
+    *wrappers, innermost = over_each_other(config.get("driver"))
     camera: Any = innermost.get("camera")
     if not isinstance(camera, Mapping):
         return None
     kinds = {f"{kind.__module__}:{kind.__qualname__}": kind for kind in appearance.ALL.values()}
     eye = _Eye(Camera(**camera))
-    for layer in reversed(layers):
-        kind = kinds.get(str(layer.get("class")))
+    for wrapper in reversed(wrappers):
+        kind = kinds.get(str(wrapper.get("class")))
         if kind is not None:
-            options = dict(layer.get("options", {}))
+            options = dict(wrapper.get("options", {}))
             amount = options.pop(kind.name)
-            eye.layered = kind(eye.layered, amount, **options)
+            eye.wrapped = kind(eye.wrapped, amount, **options)
     return eye
 
 
 def _in_conditions(eye: _Eye, record: Test) -> Driver:
-    """Return the layered eye in the conditions of a test, as far as the camera sees these."""
+    """Return the wrapped eye in the conditions of a test, as far as the camera sees these."""
     conditions_of_drive = record.candidate.conditions
     conditions = (
         conditions_of_drive
@@ -140,7 +140,7 @@ def _in_conditions(eye: _Eye, record: Test) -> Driver:
         else record.setting.conditions_of(conditions_of_drive)
     )
     visible = {n: amount for n, amount in conditions.items() if n == SEED or n in appearance.ALL}
-    return under(visible, eye.layered)
+    return under(visible, eye.wrapped)
 
 
 def _critical(record: Test, path: Trajectory) -> int:

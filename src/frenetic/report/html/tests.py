@@ -205,7 +205,7 @@ def _kept(result: Result, segment: Segment) -> list[str]:
     measured = [
         measure(criterion, segment.signals)
         for criterion in criteria
-        if criterion.quantity not in exceeded
+        if criterion.signal not in exceeded
     ]
     return [value.text() for value in measured if value is not None]
 

@@ -28,7 +28,7 @@ from frenetic.drivers.driver import (
     Observation,
     camera_of,
     scene_of,
-    under_layers,
+    unwrapped,
 )
 from frenetic.drivers.laws import setup_array
 from frenetic.drivers.wrappers import Noisy, compiled_form
@@ -173,7 +173,7 @@ class EmbeddedSimulator(StartingPlace, Ready):
 
     def check_driver(self, driver: Driver) -> None:
         """Take the car that the driver brings, unless a car was chosen."""
-        brought = getattr(under_layers(driver), "VEHICLE", "default")
+        brought = getattr(unwrapped(driver), "VEHICLE", "default")
         if self._brought not in (None, brought):
             self._brought = brought
             self._take(replace(Vehicle.named(brought), friction=self.friction))
@@ -240,7 +240,7 @@ class EmbeddedSimulator(StartingPlace, Ready):
     def _drive_python(self, road: Road, driver: Driver, setup: DriveSetup) -> Drive:
         """Drive with the compiled rollout's kernels and calls of the driver in between."""
         check_road(self, driver, road)
-        if not isinstance(under_layers(driver), _Rehearsing):
+        if not isinstance(unwrapped(driver), _Rehearsing):
             rehearse()  # not on the driver's time
         try:
             camera = camera_of(driver)

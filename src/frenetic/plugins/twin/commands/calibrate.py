@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     "--fit",
     multiple=True,
     metavar="NAME[=LOW:HIGH],...",
-    help="Parameters to fit: options of the driver, vehicle.NAME or layer.delay, such as"
+    help="Parameters to fit: options of the driver, vehicle.NAME or condition.delay, such as"
     " --fit aggression,braking=1:4,vehicle.friction. [default bounds: a quarter of the value to"
     " four times it]",
 )

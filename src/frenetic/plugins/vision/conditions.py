@@ -1,4 +1,4 @@
-"""The quantities that change what a driver's camera sees.
+"""The conditions that change what a driver's camera sees.
 
 `frenetic.plugins.vision.appearance` lays them over each other, from the world to the sensor.
 """
@@ -10,7 +10,7 @@ from typing import Final
 
 from frenetic.conditions.condition import FARTHEST, Condition
 
-_LAYERS: Final = "frenetic.plugins.vision.appearance"
+_WRAPPERS: Final = "frenetic.plugins.vision.appearance"
 
 SCENE: Final = Condition(
     name="scene",
@@ -19,7 +19,7 @@ SCENE: Final = Condition(
     high=1e6,
     usual=(0.0, 1000.0),
     nothing=0.0,
-    layer=f"{_LAYERS}:Elsewhere",
+    wrapper=f"{_WRAPPERS}:Elsewhere",
     needs_camera=True,
     words=("a scene of a lower seed", "a scene of a higher seed"),
 )
@@ -30,7 +30,7 @@ WEAR: Final = Condition(
     high=1.0,
     usual=(0.0, 0.8),
     nothing=0.0,
-    layer=f"{_LAYERS}:Worn",
+    wrapper=f"{_WRAPPERS}:Worn",
     needs_camera=True,
 )
 FOG: Final = Condition(
@@ -41,7 +41,7 @@ FOG: Final = Condition(
     high=FARTHEST,
     usual=(30.0, 300.0),
     nothing=math.inf,
-    layer=f"{_LAYERS}:Foggy",
+    wrapper=f"{_WRAPPERS}:Foggy",
     needs_camera=True,
     words=("thicker fog", "thinner fog"),
 )
@@ -53,7 +53,7 @@ RAIN: Final = Condition(
     high=200.0,
     usual=(0.0, 20.0),
     nothing=0.0,
-    layer=f"{_LAYERS}:Rainy",
+    wrapper=f"{_WRAPPERS}:Rainy",
     needs_camera=True,
     is_seeded=True,
 )
@@ -65,7 +65,7 @@ BLUR: Final = Condition(
     high=0.5,
     usual=(0.0, 0.05),
     nothing=0.0,
-    layer=f"{_LAYERS}:Blurred",
+    wrapper=f"{_WRAPPERS}:Blurred",
     needs_camera=True,
 )
 LIGHT: Final = Condition(
@@ -75,7 +75,7 @@ LIGHT: Final = Condition(
     high=10.0,
     usual=(0.4, 1.6),
     nothing=1.0,
-    layer=f"{_LAYERS}:Lit",
+    wrapper=f"{_WRAPPERS}:Lit",
     needs_camera=True,
 )
 GRAIN: Final = Condition(
@@ -85,9 +85,9 @@ GRAIN: Final = Condition(
     high=128.0,
     usual=(0.0, 20.0),
     nothing=0.0,
-    layer=f"{_LAYERS}:Grainy",
+    wrapper=f"{_WRAPPERS}:Grainy",
     needs_camera=True,
     is_seeded=True,
 )
 
-QUANTITIES: Final = (SCENE, WEAR, FOG, RAIN, BLUR, LIGHT, GRAIN)
+CONDITIONS: Final = (SCENE, WEAR, FOG, RAIN, BLUR, LIGHT, GRAIN)
