@@ -28,7 +28,7 @@ from frenetic.oracle.outcome import Outcome
 from frenetic.oracle.verdict import Result
 from frenetic.search import Candidate, Origin
 from frenetic.simulators import EmbeddedSimulator
-from frenetic.spec.terms import Setting
+from frenetic.spec.terms import DriveSetting
 
 SIMULATOR = EmbeddedSimulator()
 GUSTY = Domain.from_entries(
@@ -43,8 +43,8 @@ GUSTY = Domain.from_entries(
 )
 
 
-def setting_of(domain: Domain | None) -> Setting:
-    return Setting(
+def setting_of(domain: Domain | None) -> DriveSetting:
+    return DriveSetting(
         lane_width=4.0,
         map_size=200.0,
         map_margin=10.0,

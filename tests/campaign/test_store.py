@@ -34,11 +34,11 @@ from frenetic.oracle.outcome import Outcome
 from frenetic.oracle.verdict import Finding, Result
 from frenetic.road import Pose
 from frenetic.search.records import Candidate, Origin, SourceTest
-from frenetic.spec.terms import Setting
+from frenetic.spec.terms import DriveSetting
 
 pytest_plugins = ["campaign_fixtures"]
 
-SETTING = Setting(lane_width=4.0, map_size=200.0, map_margin=1.0, rules=Rules(), car=CarBody())
+SETTING = DriveSetting(lane_width=4.0, map_size=200.0, map_margin=1.0, rules=Rules(), car=CarBody())
 CONFIG: dict[str, JSONValue] = {
     "strategy": "frenetic",
     "seed": 7,
@@ -86,7 +86,7 @@ def tell(store: CampaignStore, *ids: int) -> None:
     store.write()
 
 
-def as_read(test: Test, setting: Setting | None = SETTING) -> Any:
+def as_read(test: Test, setting: DriveSetting | None = SETTING) -> Any:
     """A test as it comes back with its trajectory."""
     if (path := test.trajectory) is not None:
         test = replace(test, trajectory=rounded(path), records=len(path))

@@ -26,7 +26,7 @@ from frenetic.search.approach import (
     states_before,
     table_around,
 )
-from frenetic.search.archive import APART, LEFT, RIGHT, Archive, Place, places_of
+from frenetic.search.archive import APART, LEFT, RIGHT, Archive, Place, critical_places
 from frenetic.search.operators import CURVATURE_BOUND, random_curvatures
 from frenetic.search.variation import OPERATORS, PARAMETERS, draw_child, vary
 
@@ -96,7 +96,7 @@ def test_roads_that_are_out_count_among_the_first_ones() -> None:
 def test_a_child_avoids_the_failures_that_those_out_are_expected_to_be() -> None:
     archive = Archive()
     candidate = Frenetic(seed=1).ask()
-    (place, *_) = places_of(drive(candidate, -2.0, 120.0), candidate, -2.0)
+    (place, *_) = critical_places(drive(candidate, -2.0, 120.0), candidate, -2.0)
     archive.add(candidate, place)
     for number in range(2, 100):
         archive.expect(number, place.side, place.vector + number)
@@ -122,7 +122,7 @@ def test_it_says_that_no_road_comes_near_failing() -> None:
 def test_a_place_in_the_archive_has_the_approach_that_analysis_computes() -> None:
     curvatures = random_curvatures(np.random.default_rng(4), 25)
     candidate = Candidate(1, curvatures, 10.0, Frenetic(seed=1).ask().origin)
-    (place, *_) = places_of(evaluation := drive(candidate, -2.0, 120.0), candidate, -2.0)
+    (place, *_) = critical_places(evaluation := drive(candidate, -2.0, 120.0), candidate, -2.0)
     assert (place.side, place.has_failed, place.distance) == (LEFT, True, 120.0)
     road = Road(curvatures, 10.0, (30.0, 40.0, 1.0))
     around = road_around(road.table, road.sub_step, 120.0)
@@ -145,7 +145,7 @@ def test_a_second_peak_is_a_place_if_it_is_apart() -> None:
     evaluation = Evaluation(
         candidate, Outcome.PASS, -0.5, 0.1, worst_place=40.0, read_trace=lambda: trace
     )
-    first, second = places_of(evaluation, candidate, -0.5)
+    first, second = critical_places(evaluation, candidate, -0.5)
     assert (first.side, second.side) == (LEFT, RIGHT)
     assert second.distance == pytest.approx(100.0, abs=1.0)
     assert second.severity == pytest.approx(1.0, abs=0.01)
@@ -159,7 +159,7 @@ def test_the_archive_knows_the_nearest_failure_of_each_side() -> None:
     candidate = Frenetic(seed=1).ask()
     for k in range(200):
         evaluation = drive(candidate, float(rng.uniform(-3.0, 1.0)), float(rng.uniform(0.0, 150.0)))
-        (place, *_) = places_of(evaluation, candidate, evaluation.moobd or 0.0)
+        (place, *_) = critical_places(evaluation, candidate, evaluation.moobd or 0.0)
         place = place._replace(vector=rng.normal(0.0, 0.3, SIZE), side=k % 2)
         before = [p for p in places if p.has_failed and p.side == place.side]
         distances = [math.dist(p.vector, place.vector) for p in before]
@@ -197,7 +197,7 @@ def test_a_child_that_would_fail_as_known_is_refused() -> None:
     rng = np.random.default_rng(1)
     parent = random_curvatures(rng, 25)
     candidate = Candidate(1, parent, 10.0, Frenetic(seed=1).ask().origin)
-    vector = places_of(drive(candidate, -2.0, 120.0), candidate, -2.0)[0].vector
+    vector = critical_places(drive(candidate, -2.0, 120.0), candidate, -2.0)[0].vector
 
     def drawn(known: FloatArray, same: float) -> int:
         draws = 30

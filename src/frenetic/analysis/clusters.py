@@ -46,7 +46,7 @@ from frenetic.search.approach import (
     SIZE,
     is_near,
 )
-from frenetic.search.archive import SIDES, places_of
+from frenetic.search.archive import SIDES, critical_places
 from frenetic.search.records import Evaluation
 
 IntArray = npt.NDArray[np.int64]
@@ -245,7 +245,7 @@ def distinct_among(store: CampaignStore, failures: Sequence[Failure]) -> Cluster
 def _with_known(
     clusters: Clusters, failures: Iterable[Failure], earlier: Iterable[Evaluation]
 ) -> Clusters:
-    places = [places_of(evaluation, evaluation.candidate, 0.0)[0] for evaluation in earlier]
+    places = [critical_places(evaluation, evaluation.candidate, 0.0)[0] for evaluation in earlier]
     vectors = {
         side: [place.vector for place in places if place.side == SIDES[side]] for side in SIDES
     }

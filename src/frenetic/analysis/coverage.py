@@ -25,7 +25,7 @@ from frenetic.road.classes import RoadClass
 from frenetic.search.operators import CURVATURE_BOUND
 from frenetic.search.random_search import RANDOM, RandomRoads
 from frenetic.search.records import Candidate, Origin
-from frenetic.spec.terms import Setting
+from frenetic.spec.terms import DriveSetting
 
 RADIUS: Final = "min_radius"
 """Name of the axis of a road's least radius, in m."""
@@ -358,7 +358,7 @@ class DomainCoverage:
         }
 
 
-def domain_coverage(setting: Setting, tests: Iterable[Test]) -> DomainCoverage | None:
+def domain_coverage(setting: DriveSetting, tests: Iterable[Test]) -> DomainCoverage | None:
     """Return the coverage of a campaign's domain by its tests; None without a domain.
 
     Shares of conditions follow from their distributions, shares of roads from `ROADS` random ones.
@@ -409,7 +409,7 @@ def domain_coverage(setting: Setting, tests: Iterable[Test]) -> DomainCoverage |
     )
 
 
-def _random_roads(setting: Setting) -> list[Candidate]:
+def _random_roads(setting: DriveSetting) -> list[Candidate]:
     """Draw `ROADS` roads as the strategy ``random`` does, always the same."""
     rng = np.random.default_rng(0)
     roads = RandomRoads(map_size=setting.map_size, road_class=setting.road_class)

@@ -439,9 +439,7 @@ class Campaign(NotebookRepr):
         with CampaignLog(self.folder) as log, saying_what_is_stored(store, summary):
             configuration = self.configuration()
             fields: dict[str, Any] = {name: configuration[name] for name in _LOGGED}
-            after = (
-                f" after {counted(summary.result_count, 'result')}" if summary.result_count else ""
-            )
+            after = f" after {counted(count, 'result')}" if (count := summary.result_count) else ""
             log.write(event, event + after, process_id=os.getpid(), host=platform.node(), **fields)
             for note in self.notes if event is LogEvent.STARTED else ():
                 log.write(LogEvent.LOG, note, logger=__name__)

@@ -20,10 +20,10 @@ from frenetic.parts.versions import version_of
 from frenetic.search.strategy import Strategy
 from frenetic.spec import Spec
 from frenetic.spec.part_record import changed_parts, describe, describe_terms, sources_of
-from frenetic.spec.terms import Setting
+from frenetic.spec.terms import DriveSetting
 
-SETTING: Final = tuple(item.name for item in fields(Setting))
-"""Entries of the configuration that its `Setting` has, too."""
+SETTING: Final = tuple(item.name for item in fields(DriveSetting))
+"""Entries of the configuration that its `DriveSetting` has, too."""
 _TERMS: Final = (*(name for name in SETTING if name != "car"), "max_in_flight", "objective")
 """Entries of the configuration that must not change before a resume."""
 

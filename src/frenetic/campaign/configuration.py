@@ -15,7 +15,7 @@ from frenetic._support.json_value import JSONValue
 from frenetic._support.words import counted
 from frenetic.errors import CampaignError, FreneticError
 from frenetic.spec import Budget, Spec
-from frenetic.spec.terms import Setting
+from frenetic.spec.terms import DriveSetting
 
 SPEC: Final = "spec"
 """Entry with the spec of named parts; a campaign of objects from Python has none."""
@@ -115,14 +115,14 @@ _ENTRIES: Final[list[Any]] = [
 _Configuration: Any = defstruct("Configuration", _ENTRIES, kw_only=True)
 
 
-def _read(config: Mapping[str, Any]) -> tuple[Spec | None, Setting]:
+def _read(config: Mapping[str, Any]) -> tuple[Spec | None, DriveSetting]:
     """Return the spec and the setting of a configuration, whose rules and car have to be whole.
 
     Raises:
         ValueError: an entry is missing or wrong; the message names it.
     """
     try:
-        spec, setting = convert(dict(config), _Configuration).spec, Setting.of(config)
+        spec, setting = convert(dict(config), _Configuration).spec, DriveSetting.of(config)
     except ValidationError as error:
         raise ValueError(str(error)) from None
     except FreneticError as error:  # which names no place

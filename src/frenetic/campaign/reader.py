@@ -25,7 +25,7 @@ from frenetic.oracle.drive import Trajectory
 from frenetic.oracle.outcome import Outcome
 from frenetic.road import profile
 from frenetic.search.records import Candidate
-from frenetic.spec.terms import Setting
+from frenetic.spec.terms import DriveSetting
 
 EARLIER_SETTINGS: Final = "earlier_settings"
 """Fact with the settings of earlier campaigns from which this search starts, by their folders."""
@@ -74,7 +74,7 @@ class CampaignReader(NotebookRepr):
         self.config: Mapping[str, JSONValue] = MappingProxyType(config)
         """The campaign's configuration."""
         try:
-            self._setting: Setting | str = Setting.of(config)
+            self._setting: DriveSetting | str = DriveSetting.of(config)
         except ValueError as error:
             self._setting = str(error)
 
@@ -89,7 +89,7 @@ class CampaignReader(NotebookRepr):
     # Facts
 
     @property
-    def setting(self) -> Setting:
+    def setting(self) -> DriveSetting:
         """The setting of the campaign's drives.
 
         Raises:
@@ -209,7 +209,7 @@ class CampaignReader(NotebookRepr):
             CampaignError: a test is damaged or missing.
         """
         with self._reading("the settings of the campaigns that it started from"):
-            settings = convert(self.fact(EARLIER_SETTINGS) or {}, dict[str, Setting])
+            settings = convert(self.fact(EARLIER_SETTINGS) or {}, dict[str, DriveSetting])
         ids = self._ids(f"SELECT id FROM {EARLIER_TESTS.test} ORDER BY id")  # noqa: S608
         return [
             replace(test, setting=settings.get(test.candidate.source.campaign))
@@ -259,7 +259,7 @@ class CampaignReader(NotebookRepr):
     ) -> list[Test]:
         """Return the tests of candidates, in the order of the ids."""
         has_path = ids if with_trajectory is True else with_trajectory or ()
-        setting = self._setting if isinstance(self._setting, Setting) else None
+        setting = self._setting if isinstance(self._setting, DriveSetting) else None
         findings: dict[int, list[Sequence[Any]]] = {}
         for number, *values in self._select(tables.select_findings(len(ids)), ids):
             findings.setdefault(number, []).append(values)

@@ -27,7 +27,7 @@ from frenetic.oracle.outcome import Outcome
 from frenetic.oracle.verdict import Finding, Result, unusable_result
 from frenetic.road import Pose, Road
 from frenetic.search.records import Candidate
-from frenetic.spec.terms import Setting
+from frenetic.spec.terms import DriveSetting
 
 
 @dataclass(frozen=True)
@@ -142,8 +142,8 @@ class Test(NotebookRepr):
     """Time of the result, UTC, ISO 8601."""
     objective: Finite | None = None
     """Value that the campaign minimises or maximises; None for the MOOBD, or without a drive."""
-    setting: Setting | None = None
-    """Setting of its drive; None if the campaign does not record it."""
+    setting: DriveSetting | None = None
+    """DriveSetting of its drive; None if the campaign does not record it."""
 
     @classmethod
     def of(
@@ -156,7 +156,7 @@ class Test(NotebookRepr):
         attempts: int = 1,
         elapsed: float = 0.0,
         finished_at: str = "",
-        setting: Setting | None = None,
+        setting: DriveSetting | None = None,
     ) -> Self:
         """Return the test of a candidate whose attempt stands, without its trajectory."""
         return cls(
@@ -236,7 +236,7 @@ class Test(NotebookRepr):
         return f"<Test {self.id}: {self.outcome}{moobd}>"
 
     @property
-    def _setting(self) -> Setting:
+    def _setting(self) -> DriveSetting:
         if self.setting is None:
             raise CampaignError(
                 f"the campaign does not say with what test {self.id} was driven: 'frenetic check'"
@@ -418,7 +418,7 @@ def read_test(
     row: Sequence[Any],
     findings: Sequence[Sequence[Any]] = (),
     trajectory: Trajectory | None = None,
-    setting: Setting | None = None,
+    setting: DriveSetting | None = None,
 ) -> Test:
     """Return the test in a row of `FINISHED`.
 

@@ -16,7 +16,7 @@ from frenetic.campaign.record import Attempt, Test
 from frenetic.campaign.store import CampaignStore
 from frenetic.oracle.outcome import Outcome
 from frenetic.search.approach import ALIKE, BEHIND
-from frenetic.search.archive import places_of
+from frenetic.search.archive import critical_places
 from frenetic.search.records import Candidate
 from frenetic.simulators.embedded import EmbeddedSimulator
 from frenetic.simulators.simulator import Simulator
@@ -110,7 +110,7 @@ def _difference(first: Test, again: Test) -> float | None:
 
 def _approach(test: Test) -> FloatArray:
     evaluation = evaluation_of(test, lambda: test.trajectory, Objective.load(MOOBD))
-    return places_of(evaluation, test.candidate, 0.0)[0].vector
+    return critical_places(evaluation, test.candidate, 0.0)[0].vector
 
 
 def _suspect(first: Test, again: Test, simulator: Simulator) -> str:

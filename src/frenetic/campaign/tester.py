@@ -34,7 +34,7 @@ from frenetic.simulators.conditions import check_conditions, check_pair_in, in_c
 from frenetic.simulators.simulator import Simulator
 from frenetic.spec import Spec
 from frenetic.spec.part_record import describe, sources_of
-from frenetic.spec.terms import Setting, Terms
+from frenetic.spec.terms import DriveSetting, Terms
 
 logger = logging.getLogger(__name__)
 
@@ -92,12 +92,12 @@ class RoadTester:
         return _tester_anew, (self.spec, self.terms, rules, self.folder, simulator)
 
     @property
-    def setting(self) -> Setting:
+    def setting(self) -> DriveSetting:
         """Terms of the drives, with the simulator's rules and car."""
         terms: dict[str, Any] = {
             item.name: getattr(self.terms, item.name) for item in fields(Terms)
         }
-        return Setting(**terms, rules=self.simulator.rules, car=self.simulator.car)
+        return DriveSetting(**terms, rules=self.simulator.rules, car=self.simulator.car)
 
     @property
     def drives_compiled(self) -> bool:

@@ -33,10 +33,10 @@ from frenetic.road import profile
 from frenetic.road.files import find_roads
 from frenetic.road.real_roads import fitting, step_of, stretches_of
 from frenetic.search.approach import nearest_square
-from frenetic.search.archive import places_of
+from frenetic.search.archive import critical_places
 from frenetic.search.random_search import EARLIER, GIVEN
 from frenetic.search.records import Candidate, Evaluation, Origin, SourceTest
-from frenetic.spec.terms import Setting
+from frenetic.spec.terms import DriveSetting
 
 _APART: Final = 1.0
 """Least difference of two taken tests, in m (ours)."""
@@ -204,7 +204,7 @@ def take_earlier(
                         value = objective.value_of(evaluation)
                         tests.append(_taken(folder, record, path, value))
             counts = store.counts()
-            names = [item.name for item in fields(Setting) if item.name in store.config]
+            names = [item.name for item in fields(DriveSetting) if item.name in store.config]
             settings[str(folder)] = {name: store.config[name] for name in names}
         campaigns.append(
             EarlierCampaign(str(folder), counts.simulations, counts.failures, taken, left_out)
@@ -224,7 +224,7 @@ def _fits(road: Candidate, tester: RoadTester, step: float | None) -> bool:
 
 def _is_new(evaluation: Evaluation, near: dict[int, list[FloatArray]]) -> bool:
     """Return whether a test is near no other test, and add it to `near` then."""
-    worst = places_of(evaluation, evaluation.candidate, 0.0)[0]
+    worst = critical_places(evaluation, evaluation.candidate, 0.0)[0]
     others = near.setdefault(worst.side, [])
     if others and nearest_square(np.array(others), worst.vector, _APART**2) < _APART**2:
         return False

@@ -37,7 +37,7 @@ if TYPE_CHECKING:
     from frenetic.criteria.criterion import CriteriaSet
     from frenetic.oracle.verdict import Result
     from frenetic.road import Road
-    from frenetic.spec.terms import Setting
+    from frenetic.spec.terms import DriveSetting
 
 ANNOUNCE_AFTER = 1.5  # s of compiling after which it is mentioned
 LOOK_EVERY = 0.1  # s between two looks whether something is compiled
@@ -341,7 +341,7 @@ def causes_json(clusters: Clusters, shortened: Mapping[int, Test]) -> list[dict[
 
 
 def limit_text(
-    setting: Setting,
+    setting: DriveSetting,
     road: Road | None = None,
     conditions: Mapping[str, float] = MappingProxyType({}),
 ) -> str:
@@ -356,7 +356,7 @@ def limit_text(
     return setting.rules_in(conditions).limit_text(road, class_name)
 
 
-def limit_of_search(setting: Setting, from_roads: object) -> str:
+def limit_of_search(setting: DriveSetting, from_roads: object) -> str:
     """The speed limit of a search's roads in words, and whence it is.
 
     Args:

@@ -283,9 +283,10 @@ def differences(kind: str, before: object, now: object) -> tuple[str, ...]:
 
 
 def other_version(kind: str, before: object, now: object) -> str:
-    """Return a text if two records show different versions of a part; options and wrappers are ignored.
+    """Return a text if two records show different versions of a part.
 
-    The text is empty for equal versions, for two different parts, and without a record.
+    The text is empty for equal versions, for two different parts, and without a record. Options
+    and wrappers do not count.
     """
     old, new = (innermost(record) for record in (before, now))
     if old.get("class") != new.get("class") or old.get("version") == new.get("version"):

@@ -21,7 +21,7 @@ from frenetic.oracle.outcome import Outcome
 from frenetic.oracle.verdict import Finding
 from frenetic.rerun.shrinker import Shape, Shrinker, TrialResult, Trials
 from frenetic.road import profile
-from frenetic.search.archive import places_of
+from frenetic.search.archive import critical_places
 from frenetic.search.conditions import moved_along
 from frenetic.search.records import Candidate, Evaluation, Origin
 from frenetic.search.strategy import Ledger, SearchEnded, Strategy
@@ -249,7 +249,7 @@ class Minimising(Strategy):
         timeout = self._rules.timeout(candidate.length)
         fault = evaluation.fault
         reason = FailureReason.of(evaluation.finding, evaluation.duration, timeout, fault)
-        approach = places_of(evaluation, candidate, 0.0)[0].vector
+        approach = critical_places(evaluation, candidate, 0.0)[0].vector
         return _DriveFailure(reason, approach, evaluation.objective, fault)
 
     def _is_like_first(self, failure: _DriveFailure | None) -> bool:

@@ -16,7 +16,7 @@ from frenetic.search.records import Candidate, Evaluation, Origin, SourceTest
 from frenetic.search.strategy import Ledger, SearchEnded, Strategy
 from frenetic.simulators.conditions import check_conditions
 
-OPERATOR: Final = "again"
+OPERATOR: Final = "replay"
 """Operator in the origin of roads that are driven again."""
 
 DriveConditions: TypeAlias = (

@@ -144,7 +144,7 @@ def _with_room(rows: npt.NDArray[Any], used: int) -> npt.NDArray[Any]:
     return rows if used < len(rows) else np.concatenate((rows, np.empty_like(rows)))
 
 
-def places_of(evaluation: Evaluation, candidate: Candidate, severity: float) -> list[Place]:
+def critical_places(evaluation: Evaluation, candidate: Candidate, severity: float) -> list[Place]:
     """Return the critical places of a driven road; where the drive failed comes first.
 
     The second place is the next peak of the lateral offset, if the car came near the lane's edge

@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from frenetic.search.approach import lower_squares
-from frenetic.search.archive import Archive, places_of
+from frenetic.search.archive import Archive, critical_places
 from frenetic.search.parents import NEAR_MISS_WORTH
 from frenetic.search.records import Candidate, Evaluation
 
@@ -22,7 +22,7 @@ class EarlierRoads:
     def __init__(self) -> None:
         self._archive = Archive()
         self._undriven = 0  # roads that were not proposed
-        self._driven, self._brought = 0, 0.0
+        self._driven, self._novelty = 0, 0.0
 
     def __len__(self) -> int:
         """Return the number of roads that were not proposed."""
@@ -36,19 +36,19 @@ class EarlierRoads:
     def add(self, evaluation: Evaluation, severity: float) -> None:
         """Add the road of an earlier drive."""
         candidate = evaluation.candidate
-        worst = places_of(evaluation, candidate, severity)[0]
+        worst = critical_places(evaluation, candidate, severity)[0]
         self._archive.add(candidate, worst._replace(has_failed=False))
         self._undriven += 1
 
     def share(self, *, is_random_phase: bool) -> float:
         """Return the share of earlier roads among the next ones, by the new failures on them."""
-        share = (self._brought + _ASSUMED_DRIVES) / (self._driven + _ASSUMED_DRIVES)
+        share = (self._novelty + _ASSUMED_DRIVES) / (self._driven + _ASSUMED_DRIVES)
         return max(share, _LEAST_SHARE) if is_random_phase else share
 
-    def learn(self, brought: float) -> None:
+    def learn(self, novelty: float) -> None:
         """Take in how new the failure on an earlier road was, 0 to 1."""
         self._driven += 1
-        self._brought += brought
+        self._novelty += novelty
 
     def pop(self) -> Candidate:
         """Return the best road that was not proposed: severe, and unlike the proposed ones."""

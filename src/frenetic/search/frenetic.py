@@ -18,7 +18,7 @@ from frenetic.oracle.outcome import Outcome
 from frenetic.road import profile
 from frenetic.road.classes import RoadClass
 from frenetic.search.approach import SIZE
-from frenetic.search.archive import LEFT, RIGHT, Archive, places_of
+from frenetic.search.archive import LEFT, RIGHT, Archive, critical_places
 from frenetic.search.conditions import CONDITIONS, changed, drawn, inherited
 from frenetic.search.earlier_roads import EarlierRoads
 from frenetic.search.failing import FailureModel
@@ -266,15 +266,15 @@ class Frenetic(Strategy):
             self._parents.learn(severity, is_moobd=evaluation.objective is None)
         elif evaluation.outcome is not Outcome.FAIL:
             return
-        brought, fault = 0.0, evaluation.fault
+        novelty, fault = 0.0, evaluation.fault
         if fault is None or fault not in self._faults:
-            brought = self._keep(evaluation, candidate, severity or 0.0)
+            novelty = self._keep(evaluation, candidate, severity or 0.0)
         if fault is not None:
             self._faults.add(fault)
         if evaluation.trace is not None:
             self._model.learn(candidate.curvatures, candidate.step, evaluation.trace)
         if candidate.origin.operator == EARLIER:
-            self._earlier.learn(brought)
+            self._earlier.learn(novelty)
         if self._foresight is not None:
             self._foresight.learn(candidate, evaluation)
         if asked is not None:
@@ -282,29 +282,29 @@ class Frenetic(Strategy):
             if self._failing is not None:
                 has_failed = evaluation.outcome is Outcome.FAIL
                 self._failing.learn(self._features(child), has_failed=has_failed)
-            self._trial.learn(brought, is_foreseen=is_foreseen)
+            self._trial.learn(novelty, is_foreseen=is_foreseen)
             if child.operator is None:
                 return
             parent_failed = int(self._archive.places["has_failed"][child.row])
-            self._operators.learn(child.operator, brought, parent_failed=parent_failed)
-            self._archive.places["cost"][child.row] -= _SUCCESS_REFUND * brought
+            self._operators.learn(child.operator, novelty, parent_failed=parent_failed)
+            self._archive.places["cost"][child.row] -= _SUCCESS_REFUND * novelty
 
     def _keep(self, evaluation: Evaluation, candidate: Candidate, severity: float) -> float:
         """Add the places of a drive; return how new its failure is, 0 to 1."""
         row = len(self._archive)
-        worst, *others = places_of(evaluation, candidate, severity)
+        worst, *others = critical_places(evaluation, candidate, severity)
         difference = self._archive.add(candidate, worst)
         if self._parents.is_moobd:
             for place in others:
                 self._archive.add(candidate, place)
         if evaluation.outcome is not Outcome.FAIL:
             return 0.0
-        brought = min(max((difference - _NOTHING_NEW) / (_NEW - _NOTHING_NEW), 0.0), 1.0)
-        self._archive.places["cost"][row] = _KNOWN_FAILURE_COST * (1.0 - brought)
-        return brought
+        novelty = min(max((difference - _NOTHING_NEW) / (_NEW - _NOTHING_NEW), 0.0), 1.0)
+        self._archive.places["cost"][row] = _KNOWN_FAILURE_COST * (1.0 - novelty)
+        return novelty
 
     def facts(self) -> Mapping[str, Any]:
-        """Return what foresight has brought; nothing without it."""
+        """Return what foresight has achieved, as facts; none without foresight."""
         if self._foresight is None:
             return {}
         return {**self._foresight.facts(), **self._trial.facts()}

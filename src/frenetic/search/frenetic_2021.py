@@ -311,7 +311,7 @@ class Frenetic2021(Strategy):
                 yield name, self._roads.conformed(vary(road))
             return
         for name, mutate in PASS_OPERATORS.items():
-            mutant = self._roads.redrawn(partial(self._mutant, mutate, road))
+            mutant = self._roads.redraw_until_valid(partial(self._mutant, mutate, road))
             if mutant is not None:
                 yield name, mutant
 

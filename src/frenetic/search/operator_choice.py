@@ -1,4 +1,4 @@
-"""The choice of operators, by what each has brought."""
+"""The choice of operators, by the new failures of each."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ class OperatorChoice:
     def __init__(self) -> None:
         # By whether the parent had failed, and operator:
         self._used = np.zeros((2, len(OPERATORS)))
-        self._brought = np.zeros((2, len(OPERATORS)))
+        self._novelty = np.zeros((2, len(OPERATORS)))
 
-    def learn(self, operator: int, brought: float, *, parent_failed: int) -> None:
+    def learn(self, operator: int, novelty: float, *, parent_failed: int) -> None:
         """Take in how new the failure on a child's road was, 0 to 1."""
         self._used[parent_failed, operator] += 1.0
-        self._brought[parent_failed, operator] += brought
+        self._novelty[parent_failed, operator] += novelty
 
     def draw(
         self, rng: np.random.Generator, count: int, *, parent_failed: int
@@ -36,8 +36,8 @@ class OperatorChoice:
     def _running_shares(self, parent_failed: int) -> FloatArray:
         """Return the running sum of the shares of the operators, (k,), the last 1."""
         count = OF_FAILURES if parent_failed else len(OPERATORS)
-        brought, used = self._brought[parent_failed, :count], self._used[parent_failed, :count]
-        successes = (brought + _ASSUMED_FAILURES) / (used + _ASSUMED_CHILDREN)
+        novelty, used = self._novelty[parent_failed, :count], self._used[parent_failed, :count]
+        successes = (novelty + _ASSUMED_FAILURES) / (used + _ASSUMED_CHILDREN)
         sums = np.cumsum(successes**_POWER)
         shares: FloatArray = sums / sums[-1]
         return shares

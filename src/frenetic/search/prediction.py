@@ -9,7 +9,7 @@ from typing import Any, Protocol, runtime_checkable
 import numpy as np
 
 from frenetic.search.approach import nearest_square
-from frenetic.search.archive import FAR, Archive, Place, places_of
+from frenetic.search.archive import FAR, Archive, Place, critical_places
 from frenetic.search.records import Candidate, Evaluation
 
 # All values are ours.
@@ -47,7 +47,7 @@ def promise_of(
     evaluation = foresight.foresee(candidate)
     if evaluation is None or evaluation.severity is None:
         return -math.inf, None
-    place = places_of(evaluation, candidate, evaluation.severity)[0]
+    place = critical_places(evaluation, candidate, evaluation.severity)[0]
     if not place.has_failed:
         return min(-place.severity, -0.0), place
     known = archive.failures(place.side)
@@ -58,17 +58,17 @@ class ForesightTrial:
     """A running comparison of children that foresight chose with children chosen without it."""
 
     def __init__(self) -> None:
-        self._brought: tuple[list[float], list[float]] = [], []  # without foresight, and with it
+        self._novelties: tuple[list[float], list[float]] = [], []  # without foresight, and with it
 
-    def learn(self, brought: float, *, is_foreseen: bool) -> None:
+    def learn(self, novelty: float, *, is_foreseen: bool) -> None:
         """Take in how new the failure on a child's road was, 0 to 1."""
-        self._brought[is_foreseen].append(brought)
+        self._novelties[is_foreseen].append(novelty)
 
     def chooses(self, rng: np.random.Generator) -> bool:
-        """Return whether foresight chooses the next child: the more surely, the more it brought."""
-        last = (brought[-_COMPARED:] for brought in self._brought)
+        """Return whether foresight chooses the next child: the likelier, the newer its failures."""
+        last = (novelties[-_COMPARED:] for novelties in self._novelties)
         without, with_it = (
-            ((sum(brought) + 1.0) / (len(brought) + 2.0)) ** _TRUST for brought in last
+            ((sum(novelties) + 1.0) / (len(novelties) + 2.0)) ** _TRUST for novelties in last
         )
         share = with_it / (without + with_it)
         share = min(max(share, _LEAST_SHARE), 1.0 - _LEAST_SHARE)
@@ -77,7 +77,7 @@ class ForesightTrial:
     def facts(self) -> dict[str, int]:
         """Return the numbers of children and of new failures, without foresight and with it."""
         facts: dict[str, int] = {}
-        for way, brought in zip(("without", "with"), self._brought, strict=True):
-            facts[f"children {way} foresight"] = len(brought)
-            facts[f"new failures {way} foresight"] = round(sum(brought))
+        for way, novelties in zip(("without", "with"), self._novelties, strict=True):
+            facts[f"children {way} foresight"] = len(novelties)
+            facts[f"new failures {way} foresight"] = round(sum(novelties))
         return facts

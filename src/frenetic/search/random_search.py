@@ -244,7 +244,7 @@ class RandomRoads:
 
     def draw(self, rng: np.random.Generator) -> FloatArray:
         """Return the curvatures of a random road, (N,) 1/m."""
-        return self.redrawn(lambda: self.draw_once(rng))
+        return self.redraw_until_valid(lambda: self.draw_once(rng))
 
     def valid(self, rng: np.random.Generator) -> Iterator[Road]:
         """Draw roads, fit them into the map, and yield those that are valid there.
@@ -265,7 +265,7 @@ class RandomRoads:
             f"map_size is {self._map_size:g} m: none of {refused} random roads fits into it"
         )
 
-    def redrawn(self, draw: Callable[[], _Draw]) -> _Draw:
+    def redraw_until_valid(self, draw: Callable[[], _Draw]) -> _Draw:
         """Return the road that `draw` returns, drawn again while it is invalid and draws are left.
 
         None, from an operator that does not apply, is returned at once.

@@ -157,13 +157,13 @@ class LimitsAhead:
 
     def __init__(self, road: Road, rules: Rules) -> None:
         self._limits = in_metres_per_second(rules.speed_limits_on(road))
-        self.is_one = len(self._limits) == 1
+        self.is_constant = len(self._limits) == 1
         """Whether one limit holds everywhere."""
         self._look(0.0)
 
     def at(self, s: float) -> tuple[float, FloatArray]:
         """Return the limit ``s`` m along the road and the limits at the points ahead, in m/s."""
-        if not self.is_one:
+        if not self.is_constant:
             self._look(s)
         return self._limit, self._ahead
 
@@ -175,7 +175,7 @@ class LimitsAhead:
             deceleration: Deceleration of the car, in m/s^2.
         """
         limit, ahead = self.at(s)
-        if self.is_one:
+        if self.is_constant:
             return limit
         distances = AHEAD_SPACING * np.arange(AHEAD_POINTS)
         return float(np.sqrt((ahead**2 + 2.0 * deceleration * distances).min()))

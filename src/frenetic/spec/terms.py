@@ -76,7 +76,7 @@ _RECORDED: Final = ("lane_width", "map_size", "map_margin")
 
 
 @dataclass(frozen=True, kw_only=True)
-class Setting(Terms):
+class DriveSetting(Terms):
     """The terms of a campaign's drives, with its simulator's rules and car."""
 
     rules: Rules

@@ -28,7 +28,7 @@ from frenetic.plugins.twin.foresight import CAR, LAWS, SPEED, OnlineTwin, foresi
 from frenetic.plugins.twin.model import TwinModel
 from frenetic.plugins.twin.profile import Fitted, TwinProfile
 from frenetic.search import Candidate, Evaluation, Frenetic, RandomSearch
-from frenetic.search.archive import places_of
+from frenetic.search.archive import critical_places
 from frenetic.simulators.conditions import in_conditions
 from frenetic.spec import Spec
 
@@ -75,7 +75,9 @@ def test_a_twin_learns_a_driver_and_foresees_where_it_fails() -> None:
         assert seen is not None
         agreed += seen.outcome == evaluation.outcome
         if Outcome.FAIL == seen.outcome == evaluation.outcome:
-            ours, theirs = (places_of(e, candidate, e.moobd or 0.0)[0] for e in (seen, evaluation))
+            ours, theirs = (
+                critical_places(e, candidate, e.moobd or 0.0)[0] for e in (seen, evaluation)
+            )
             differences.append(float(np.linalg.norm(ours.vector - theirs.vector)))
     assert agreed > 0.9 * len(drives[20:])
     assert len(differences) > 5

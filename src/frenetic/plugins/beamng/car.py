@@ -95,7 +95,7 @@ class BeamngCar:
         vx = state.velocity[0] - yaw_rate * (car.ahead * s + car.left * c)
         vy = state.velocity[1] + yaw_rate * (car.ahead * c - car.left * s)
         self._heading, self._speed = heading, c * vx + s * vy
-        if self._by_ai and not self._limits.is_one:
+        if self._by_ai and not self._limits.is_constant:
             self._limit_ai(x, y)
         steering = car.shown * state.steering_input
         motion = [x, y, heading, self._speed, c * vy - s * vx, yaw_rate, steering]

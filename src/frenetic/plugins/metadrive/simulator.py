@@ -269,7 +269,7 @@ class _Holding:
         """Return the policy's controls; its brake may go beyond a driver's."""
         if self._periods % DECISION_PERIODS == 0:
             limit = self._only_limit
-            if not self._limits.is_one:
+            if not self._limits.is_constant:
                 limit = 3.6 * self._limits.speed_at(observation.distance, _IDM_DECELERATION)
             self._decision = self._policy.act(limit)
             self._car.steer(self._decision)

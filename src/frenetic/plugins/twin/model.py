@@ -109,8 +109,8 @@ class TwinModel:
             default_driver, _ = model.make({}, Rules())
         except ValueError as error:
             raise FreneticError(str(error)) from None
-        if brought := getattr(unwrapped(default_driver), "VEHICLE", None):
-            model = replace(model, vehicle={"name": brought, **model.vehicle})
+        if vehicle := getattr(unwrapped(default_driver), "VEHICLE", None):
+            model = replace(model, vehicle={"name": vehicle, **model.vehicle})
         car = Vehicle.of(model.vehicle)
         arguments = DRIVERS.construction(driver, driver_options or {}, {}).arguments
         options = {**(options_of(default_driver) or {}), **arguments}
@@ -160,7 +160,8 @@ class TwinModel:
                 f"there is no parameter {asked!r} to fit{hint(asked, [*plain, *known])}"
                 f" {self.driver} has:"
                 f" {', '.join(driver_parameters) or 'none that is a number'}; beside:"
-                f" condition.delay, and vehicle. followed by {', '.join(item.name for item in fields(Vehicle))}"
+                " condition.delay, and vehicle. followed by"
+                f" {', '.join(item.name for item in fields(Vehicle))}"
             )
         if len(matches) > 1:
             raise FreneticError(f"{asked!r} may be {' or '.join(matches)}: say which one")

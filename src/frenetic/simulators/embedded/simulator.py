@@ -114,7 +114,8 @@ class EmbeddedSimulator(StartingPlace, Ready):
             vehicle = Vehicle.named(vehicle)
         self._steering_lag = steering_lag
         self.vehicle = vehicle or Vehicle()
-        self._brought = None if vehicle else "default"  # name of the car that the driver brings
+        # Name of the vehicle that the driver brings:
+        self._driver_vehicle = None if vehicle else "default"
         if friction is not None:
             self.friction = friction
         self.start_offset = start_offset
@@ -139,7 +140,7 @@ class EmbeddedSimulator(StartingPlace, Ready):
 
     @vehicle.setter
     def vehicle(self, vehicle: Vehicle) -> None:
-        self._brought = None
+        self._driver_vehicle = None
         self._take(vehicle)
 
     def _take(self, vehicle: Vehicle) -> None:
@@ -173,10 +174,10 @@ class EmbeddedSimulator(StartingPlace, Ready):
 
     def check_driver(self, driver: Driver) -> None:
         """Take the car that the driver brings, unless a car was chosen."""
-        brought = getattr(unwrapped(driver), "VEHICLE", "default")
-        if self._brought not in (None, brought):
-            self._brought = brought
-            self._take(replace(Vehicle.named(brought), friction=self.friction))
+        vehicle = getattr(unwrapped(driver), "VEHICLE", "default")
+        if self._driver_vehicle not in (None, vehicle):
+            self._driver_vehicle = vehicle
+            self._take(replace(Vehicle.named(vehicle), friction=self.friction))
 
     def __enter__(self) -> Self:
         """Compile kernels that are not compiled yet."""
