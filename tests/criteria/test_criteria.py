@@ -393,7 +393,7 @@ def test_each_verdict_agrees_with_the_measured_margins() -> None:
     assert outcomes == {Outcome.PASS, Outcome.FAIL}
 
 
-def test_quantities_and_their_limits_text() -> None:
+def test_signals_and_their_limits_as_text() -> None:
     assert signal_named("lateral_jerk").text(4.0) == "4.00 m/s³"
     assert ISO.criteria[2].text() == "at most 5 m/s³ in the mean of 0.5 s"
     assert ISO.criteria[0].text() == "at least 0 m"
@@ -411,7 +411,7 @@ SLOW = CriteriaSet("of the object", (Criterion("duration", 1e4, 0.0, "our handbo
 NO_SERIES = replace(TOP_SPEED, name="no_series", series=lambda located, _: np.zeros(3))
 
 
-def test_a_package_adds_quantities_and_profiles(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_package_adds_signals_and_criteria_sets(monkeypatch: pytest.MonkeyPatch) -> None:
     entries = tuple(
         RegisteredPart(name, f"{__name__}:{target}", "theirs")
         for name, target in zip(

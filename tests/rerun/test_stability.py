@@ -148,7 +148,7 @@ def test_influences_need_enough_differing_drives(low: float, times: int, least: 
     assert of_worlds(worlds, ranges, verdict=lambda w: w["friction"] - least).influences == ()
 
 
-def test_p_values_are_corrected_for_the_number_of_quantities() -> None:
+def test_p_values_are_corrected_for_the_number_of_conditions() -> None:
     ranges = [Variation("friction", 0.5, 1.0), Variation("delay", 0.0, 0.2)]
     worlds = draw_conditions(ranges, 12, 0)
     verdict = {"verdict": lambda w: w["delay"] - 0.1 + 0.2 * w["friction"]}

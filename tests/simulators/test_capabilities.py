@@ -86,7 +86,7 @@ def test_preloaded_modules_exist(simulator: Any) -> None:
 @pytest.mark.parametrize(
     "kind", [EmbeddedSimulator, MetaDriveSimulator, CommonRoadSimulator, DummySimulator]
 )
-def test_a_class_says_which_quantities_its_simulators_lay(kind: type) -> None:
+def test_a_class_says_which_conditions_its_simulators_lay(kind: type) -> None:
     of_class, of_one = usual(kind), capabilities(kind())
     assert of_class.variable == of_one.variable
     laid = [row.name for row in known_conditions().values() if of_class.lays(row)]
@@ -100,7 +100,7 @@ def test_a_class_says_which_quantities_its_simulators_lay(kind: type) -> None:
     assert {"speed", "delay", "noise", "fog"} <= {*laid}
 
 
-def test_every_quantity_that_one_of_ours_lays_is_an_option_of_it() -> None:
+def test_every_condition_that_our_simulators_lay_is_an_option() -> None:
     kinds: tuple[Any, ...] = (EmbeddedSimulator, MetaDriveSimulator, CommonRoadSimulator)
     for kind in kinds:
         for row in known_conditions().values():

@@ -119,7 +119,7 @@ def test_a_value_that_a_simulator_refuses_is_one_line() -> None:
         pass
 
 
-def test_the_table_of_quantities_is_true() -> None:
+def test_every_condition_can_be_driven_in() -> None:
     """Both ends of every condition's range can be driven in."""
     for name, condition in known_conditions().items():
         for value in (condition.low, condition.high):

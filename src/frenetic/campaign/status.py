@@ -175,7 +175,7 @@ def going_on(store: CampaignStore) -> str:
     config, folder = store.config, store.folder
     if owner := owner_of(config):
         return owner.command(folder)
-    if is_told(config):
+    if is_client_driven(config):
         return shlex.join(["frenetic", "ask-tell", "--out", str(folder)])
     if config.get(SPEC) is None:
         return "from Python, where it was started: Campaign.resume()"
@@ -211,7 +211,7 @@ def signed_driving(store: CampaignStore) -> Spec | None:
     return driving.signed_in(signed.folder) if is_own else driving
 
 
-def is_told(config: Mapping[str, Any]) -> bool:
+def is_client_driven(config: Mapping[str, Any]) -> bool:
     """Return whether a client drives the campaign's roads, see `frenetic.campaign.ask_tell`."""
     simulator = config.get("simulator")
     return isinstance(simulator, Mapping) and str(simulator.get("class")).startswith(

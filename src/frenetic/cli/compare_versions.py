@@ -56,11 +56,15 @@ def _specs(folder: Path, options: CommandOptions) -> tuple[Spec, Spec, Path]:
     """
     from frenetic.campaign import CampaignStore
     from frenetic.campaign.configuration import SPEC
-    from frenetic.campaign.status import is_told
+    from frenetic.campaign.status import is_client_driven
 
     with CampaignStore.open(folder) as store:
         if store.config.get(SPEC) is None:
-            origin = "was told its results" if is_told(store.config) else "was started from Python"
+            origin = (
+                "was told its results"
+                if is_client_driven(store.config)
+                else "was started from Python"
+            )
             raise CampaignError(
                 f"{folder} {origin}, so its parts have no names: compare the versions from Python,"
                 " with frenetic.rerun.back_to_back"

@@ -58,7 +58,7 @@ def campaign_spec(
         click.UsageError: other roads are given.
     """
     from frenetic.campaign.configuration import SPEC
-    from frenetic.campaign.status import is_told
+    from frenetic.campaign.status import is_client_driven
 
     if options.says("roads"):
         raise click.UsageError("--roads is for a ROAD file: a campaign has its own road class")
@@ -68,7 +68,7 @@ def campaign_spec(
         spec, folder = options.trusted(spec, source)
     if store.config.get(SPEC) is None and None in (spec.driver, spec.simulator):
         origin, elsewhere = "was started from Python", ", or do it from Python"
-        if is_told(store.config):
+        if is_client_driven(store.config):
             origin, elsewhere = "was told its results", ""
         raise CampaignError(
             f"{store.folder} {origin}, so its driver and simulator have no names: give --driver and"

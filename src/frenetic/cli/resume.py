@@ -121,11 +121,11 @@ def _require_search(
         click.UsageError: another command or program goes on with the campaign.
     """
     from frenetic.campaign.configuration import owner_of
-    from frenetic.campaign.status import is_told
+    from frenetic.campaign.status import is_client_driven
 
     if owner := owner_of(config):
         raise click.UsageError(f"{campaign} {owner.summary}: {owner.advice}")
-    if is_told(config):
+    if is_client_driven(config):
         raise click.UsageError(
             f"{campaign} gets its results from another program: 'frenetic ask-tell --out"
             f" {shell(campaign)}' goes on with it"

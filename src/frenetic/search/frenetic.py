@@ -239,7 +239,7 @@ class Frenetic(Strategy):
             return rest
         if self._real_roads:
             return self._real_road(self._real_roads.popleft())
-        if self._earlier and self._spent_when_told < self._random_budget:
+        if self._earlier and self._spent_with_outstanding < self._random_budget:
             share = self._earlier.share(is_random_phase=self._in_random_phase)
             if self._rng.random() < share:
                 return self._earlier_road()
@@ -326,11 +326,11 @@ class Frenetic(Strategy):
         driven = self._parents.drives
         return driven == 0 or (
             driven + len(self._ledger) < self._first_roads
-            and self._spent_when_told < self._random_budget
+            and self._spent_with_outstanding < self._random_budget
         )
 
     @property
-    def _spent_when_told(self) -> float:
+    def _spent_with_outstanding(self) -> float:
         """Share of the budget spent once all outstanding roads are driven; 0 before a drive."""
         driven = self._parents.drives
         return self._budget_spent * (driven + len(self._ledger)) / driven if driven else 0.0

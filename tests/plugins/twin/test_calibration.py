@@ -221,10 +221,10 @@ def test_a_verdict_tells_baselines_and_a_twin_that_fails_more_or_less_often() ->
     found, reason = verdict_of(twin, failed, (0.7, 0.9), {UNFITTED: twin, "length": twin})
     assert found == "poor"
     assert "the driver as it was and length rank no worse" in reason
-    for ours, is_told in ((0, True), (29, False), (46, True)):
+    for ours, is_client_driven in ((0, True), (29, False), (46, True)):
         twin = PredictionFigures(auc=0.8, top_tenth=3.0, twin_failures=ours)
         _, reason = verdict_of(twin, failed, (0.7, 0.9), {})
-        assert ("trust its order, not its outcomes" in reason) == is_told
+        assert ("trust its order, not its outcomes" in reason) == is_client_driven
 
 
 # The model
