@@ -61,7 +61,7 @@ def _specs(folder: Path, options: CommandOptions) -> tuple[Spec, Spec, Path]:
     with CampaignStore.open(folder) as store:
         if store.config.get(SPEC) is None:
             origin = (
-                "was told its results"
+                "was driven by a client"
                 if is_client_driven(store.config)
                 else "was started from Python"
             )

@@ -69,7 +69,7 @@ def campaign_spec(
     if store.config.get(SPEC) is None and None in (spec.driver, spec.simulator):
         origin, elsewhere = "was started from Python", ", or do it from Python"
         if is_client_driven(store.config):
-            origin, elsewhere = "was told its results", ""
+            origin, elsewhere = "was driven by a client", ""
         raise CampaignError(
             f"{store.folder} {origin}, so its driver and simulator have no names: give --driver and"
             f" --simulator{elsewhere}"
