@@ -325,7 +325,7 @@ class DomainCoverage:
         kind, share = "pairs of cells" if self.pairs else "cells", 100.0 * self.driven_share
         return (
             f"{driven} of {count} {kind} driven, {failed} with failures, {missing} never reached;"
-            f" {share:.0f} % of the domain's drives lie in driven ones only"
+            f" {share:.0f} % of the domain's drives lie only in driven {kind}"
         )
 
     def as_json(self) -> dict[str, Any]:
