@@ -78,7 +78,7 @@ class Dispatcher:
     """The loop of a campaign, from its stored results to the end of its budget.
 
     Asking and telling follow from the results alone, not from the number and speed of workers: as
-    many candidates are outstanding as the look-ahead says, and the strategy learns the oldest
+    many candidates are outstanding as `max_in_flight` says, and the strategy learns the oldest
     first, as DROPPED if it no longer wants it, even if it was driven already.
 
     Args:

@@ -129,11 +129,11 @@ def planner(
     """Return steering, throttle and brake: speed from the road ahead, pure-pursuit steering.
 
     Pure pursuit (R. C. Coulter, CMU-RI-TR-92-01): the front wheels take the arc that leads the
-    rear axle through the lane's centre a max_in_flight distance away.
+    rear axle through the lane's centre one lookahead distance away.
     """
     throttle, brake = planned_pedals(speed, curvature_ahead, limit_ahead, rows, parameters, setup)
-    max_in_flight = parameters[LOOKAHEAD_MIN] + parameters[LOOKAHEAD_TIME] * speed
-    place = min(max_in_flight / SPACING, rows - 1.0)
+    lookahead = parameters[LOOKAHEAD_MIN] + parameters[LOOKAHEAD_TIME] * speed
+    place = min(lookahead / SPACING, rows - 1.0)
     i = max(min(int(place), rows - 2), 0)
     t = place - i
     j = min(i + 1, rows - 1)
