@@ -25,7 +25,7 @@ from frenetic.spec.part_record import describe, sources_of
 DRIVER = """
 from frenetic.drivers.driver import Controls
 import gains
-from parts import max_in_flight
+from parts import lookahead
 from folder.deep import law
 
 class Mpc:
@@ -41,7 +41,7 @@ FILES = {
     "gains.py": "GAIN = 1.0\n",
     "lazy.py": "import json\n",
     "parts/__init__.py": "",
-    "parts/max_in_flight.py": "from . import inner\n",
+    "parts/lookahead.py": "from . import inner\n",
     "parts/inner.py": "NEAR = 3\n",
     "parts/mpc.py": f"from . import inner\n{DRIVER}",
     "folder/deep/law.py": "LAW = 1\n",
