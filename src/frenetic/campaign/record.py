@@ -143,7 +143,7 @@ class Test(NotebookRepr):
     objective: Finite | None = None
     """Value that the campaign minimises or maximises; None for the MOOBD, or without a drive."""
     setting: DriveSetting | None = None
-    """DriveSetting of its drive; None if the campaign does not record it."""
+    """Setting of the drive; None if the campaign does not record it."""
 
     @classmethod
     def of(

@@ -55,7 +55,7 @@ class Signal:
     scale: float
     """Amount, in the unit, by which margins are divided to compare them between signals."""
     window: float = 0.0
-    """SimulatorDefaults window in s, see `Criterion.window`."""
+    """Usual window in s, see `Criterion.window`."""
     is_least: bool = False
     """Whether values below the limit breach it, rather than those above."""
     has_sides: bool = False

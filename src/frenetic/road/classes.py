@@ -95,7 +95,7 @@ class RoadClass:
     widening: NotNegative
     """Widening of a lane in a bend, times the bend's radius, in m²."""
     length: Positive
-    """SimulatorDefaults length of a road that a search proposes, in m."""
+    """Usual length of a road that a search proposes, in m."""
     map_size: Positive
     """Side of the map for such roads, in m."""
     step: Positive

@@ -193,7 +193,7 @@ def vary(
         site: Index of the value before the place.
         other: (M,) 1/m, another road of the archive.
         other_site: Index of the value before the other road's place.
-        length: SimulatorDefaults number of values of a road, for those that get new ends.
+        length: Usual number of values of a road, for those that get new ends.
         limits: Bound and largest change of new values, both in 1/m; or a road class's `limits`,
             whose rules the child then keeps.
         child: Room for the child's values.
