@@ -186,8 +186,8 @@ def drive(
         simulator.start_heading = float(rng.uniform(-0.15, 0.15))
         speed = float(rng.uniform(*SPEEDS))
         pupil = Pupil(convention, network, by_expert, frames, rng, speed)
-        error = simulator.drive(next(roads), pupil).error
-        assert error is None, error
+        trouble = simulator.drive(next(roads), pupil).trouble
+        assert trouble is None, trouble
     del frames.images[until:], frames.shares[until:], frames.answers[until:]
 
 
