@@ -1,20 +1,20 @@
-"""Trains the network of the driver `dave2`, and says how it drives.
+"""Train the network of the driver `dave2`, and print how well it drives.
 
     python3 -m venv train && train/bin/pip install -r training/requirements.txt
     train/bin/python training/dave2.py --out dave2.onnx
 
-An expert, pure pursuit of the lane's centre, says how to steer at what the camera sees. The first
-frames are of its own drives, in which it is pushed about; then the network drives and the expert
-says what would have been right, round after round (DAgger: S. Ross et al., AISTATS 2011), so it
-learns to recover from its own errors. All roads are random ones. The same seed gives the same
-network on the same machine with the same versions.
+An expert steers by pure pursuit of the lane's centre. In the first round the expert drives, with
+random disturbances of its steering, and the network learns its steering from the camera's images.
+In each further round the network drives, and the expert says how it would have steered, so the
+network learns to recover from its own errors (DAgger: S. Ross et al., AISTATS 2011). All roads are
+random. The same seed gives the same network on the same machine with the same versions.
 
     train/bin/python training/dave2.py --out tuned.onnx --start model.h5
 
-begins with a network that Keras has saved, made of convolutions and dense layers, which has learnt
-in Udacity's simulator; `--rounds 0` writes and measures it as it is.
+begins with a network that Keras has saved, made of convolutions and dense layers and trained in
+Udacity's simulator; `--rounds 0` writes and measures this network without training.
 
-It uses a graphics card if there is one; without, it takes five minutes of one core's time.
+The training uses a graphics card if there is one. Without it, it takes five minutes on one core.
 """
 
 from __future__ import annotations
@@ -27,6 +27,7 @@ import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
+from itertools import islice
 from pathlib import Path
 from statistics import median
 from typing import Any, Final
@@ -56,57 +57,57 @@ from frenetic.plugins.vision.neural.network import Resizing
 from frenetic.search.random_search import RandomRoads
 
 PRESET: Final = "dave2"
-SIZE: Final = (66, 200)
-"""Rows and columns that the network sees."""
+INPUT_SIZE: Final = (66, 200)
+"""Rows and columns of the network's input."""
 UDACITY: Final[Mapping[str, Any]] = {
     "crop": [60, 25],
     "camera": {"width": 320, "height": 160, "field_of_view": 98.0, "pitch": 8.0},
 }
-"""What networks for Udacity's simulator see, over the preset. Unity's usual camera looks 60 degrees
-up and down, which is 98 across; the horizon is in row 60 of its pictures, and its road is as wide
-as ours is from the preset's 1.4 m."""
+"""Input of networks for Udacity's simulator, over the preset. Unity's default camera has a field of
+view of 60 degrees vertically, which is 98 horizontally. In its pictures the horizon is in row 60,
+and the road is as wide as ours looks from the preset's height of 1.4 m."""
 UDACITY_STEERING: Final = -math.radians(25.0)
-"""Angle of the front wheels for an answer of 1: positive is right there."""
-MAX_IN_FLIGHT: Final = 7.0
-"""Distance of the place on the lane that the expert steers for, in m."""
+"""Angle of the front wheels, in rad, for an output of 1, which steers right in that simulator."""
+TARGET_DISTANCE: Final = 7.0
+"""Distance to the point of the lane for which the expert steers, in m."""
 SPEEDS: Final = (25.0, 60.0)
-"""Range of the speeds at which is learnt, in km/h."""
-KEPT: Final = 4
-"""One in so many frames is kept: neighbours look alike."""
-EXAMINED: Final = 1000
-"""Frames that the finished network answers beside the expert."""
-SCALE: Final = 8.0
-"""What the last layer gives per share of the steering angle; roads need about an eighth of it."""
-BATCH: Final = 64
-RATE: Final = 1e-3
-FRESH: Final = 1_000_000
-"""Seed of the roads that only the finished network drives, and of the frames that it answers."""
+"""Range of the training drives' speeds, in km/h."""
+SAMPLED_EVERY: Final = 4
+"""Mean number of control periods from one frame to the next: neighbouring images look alike."""
+EXAM_FRAMES: Final = 1000
+"""Frames on which the finished network is compared with the expert."""
+OUTPUT_SCALE: Final = 8.0
+"""Output of the last layer for the largest steering angle; roads need about an eighth of it."""
+BATCH_SIZE: Final = 64  # frames
+LEARNING_RATE: Final = 1e-3
+EXAM_SEED: Final = 1_000_000
+"""Seed of the roads and frames on which only the finished network is measured."""
 
 
 @dataclass
 class Frames:
-    """What was seen, and how the expert steers there."""
+    """Images of a camera with the expert's steering."""
 
     images: list[npt.NDArray[np.uint8]] = field(default_factory=list)
     shares: list[float] = field(default_factory=list)
-    """Shares of the front wheels' largest angle."""
+    """The expert's steering, as shares of the front wheels' largest angle."""
     answers: list[float] = field(default_factory=list)
-    """How the network steers there, likewise; NaN without one."""
+    """The network's steering, as shares of the largest angle; NaN without a network."""
 
     def __len__(self) -> int:
         return len(self.shares)
 
 
 class Pupil:
-    """A driver that keeps what it sees with the expert's steering.
+    """A driver that collects images with the expert's steering.
 
     Args:
-        convention: of the network.
-        network: which is asked, if there is one.
-        by_expert: whether the expert steers.
-        frames: to which it adds.
-        rng: for its choices.
-        speed: km/h, by the rule of `Network`.
+        convention: convention of the network.
+        network: network that is asked, too; None if there is none yet.
+        by_expert: whether the expert steers rather than the network.
+        frames: frames to which the pupil adds.
+        rng: generator for the choice of frames and for disturbances.
+        speed: speed that the rule of `Network` keeps, in km/h.
     """
 
     def __init__(
@@ -120,52 +121,52 @@ class Pupil:
     ) -> None:
         self.camera = Camera(**convention.camera)  # type: ignore[arg-type]
         top, bottom = convention.crop
-        self._kept = slice(top, self.camera.height - bottom)
-        seen = (self.camera.height - top - bottom, self.camera.width)
-        self._resizing = None if seen == SIZE else Resizing(seen, SIZE)
+        self._cropped_rows = slice(top, self.camera.height - bottom)
+        image_size = (self.camera.height - top - bottom, self.camera.width)
+        self._resizing = None if image_size == INPUT_SIZE else Resizing(image_size, INPUT_SIZE)
         self._by_expert = by_expert
         self._network, self._frames, self._rng = network, frames, rng
         self._speed = speed / 3.6
-        self._expert = Planner(lookahead_time=0.0, lookahead_min=MAX_IN_FLIGHT)
+        self._expert = Planner(lookahead_time=0.0, lookahead_min=TARGET_DISTANCE)
 
     def reset(self, setup: DriveSetup) -> None:
-        """Prepares for the next drive."""
-        self._most = setup.max_steering
-        self._push = 0.0
+        """Prepare for the next drive."""
+        self._max_steering = setup.max_steering
+        self._disturbance = 0.0
         self._expert.reset(setup)
         if self._network is not None:
             self._network.reset(setup)
 
     def act(self, observation: Observation) -> Controls:
-        """The network's controls, or the expert's, pushed about."""
-        right = self._expert.act(observation).steering / self._most
+        """Return the network's controls, or the expert's with a disturbance."""
+        expert_share = self._expert.act(observation).steering / self._max_steering
         answer = math.nan
         if self._network is not None:
-            answer = self._network.act(observation).steering / self._most
+            answer = self._network.act(observation).steering / self._max_steering
         assert observation.image is not None
-        if self._rng.random() < 1.0 / KEPT:
-            self._frames.images.append(self._seen(observation.image))
-            self._frames.shares.append(right)
+        if self._rng.random() < 1.0 / SAMPLED_EVERY:
+            self._frames.images.append(self._input_image(observation.image))
+            self._frames.shares.append(expert_share)
             self._frames.answers.append(answer)
         if self._by_expert:
-            self._push = 0.95 * self._push + self._rng.normal(0.0, 0.01)
-            share = right + self._push
+            self._disturbance = 0.95 * self._disturbance + self._rng.normal(0.0, 0.01)
+            share = expert_share + self._disturbance
         else:
             share = answer
         throttle = max(1.0 - share**2 - (observation.speed / self._speed) ** 2, 0.0)
-        return Controls(share * self._most, throttle)
+        return Controls(share * self._max_steering, throttle)
 
-    def _seen(self, image: Image) -> Image:
-        """What the network sees of it."""
-        kept = image[self._kept]
+    def _input_image(self, image: Image) -> Image:
+        """Return the image cropped and resized to the network's input."""
+        cropped = image[self._cropped_rows]
         if self._resizing is None:
-            return kept.copy()
-        resized: Image = np.rint(self._resizing(kept)).astype(np.uint8)
+            return cropped.copy()
+        resized: Image = np.rint(self._resizing(cropped)).astype(np.uint8)
         return resized
 
 
 def random_roads(seed: int) -> Iterator[Road]:
-    """Valid random roads, as the search `random` proposes them on the usual map."""
+    """Yield valid random roads, as the search `random` proposes them on the default map."""
     return RandomRoads().valid(np.random.default_rng(seed))
 
 
@@ -178,23 +179,23 @@ def drive(
     rng: np.random.Generator,
     by_expert: bool,
 ) -> None:
-    """Adds n frames of drives along the roads, which begin beside the lane's centre."""
-    until = len(frames) + n
+    """Add n frames of drives along the roads, each of which starts beside the lane's centre."""
+    target = len(frames) + n
     simulator = EmbeddedSimulator()
-    while len(frames) < until:
+    while len(frames) < target:
         simulator.start_offset = float(rng.uniform(-1.2, 1.2))
         simulator.start_heading = float(rng.uniform(-0.15, 0.15))
         speed = float(rng.uniform(*SPEEDS))
         pupil = Pupil(convention, network, by_expert, frames, rng, speed)
         trouble = simulator.drive(next(roads), pupil).trouble
         assert trouble is None, trouble
-    del frames.images[until:], frames.shares[until:], frames.answers[until:]
+    del frames.images[target:], frames.shares[target:], frames.answers[target:]
 
 
 def dave2() -> nn.Sequential:
-    """The network: inputs (n, 3, 66, 200), `SCALE` times the steering share (n, 1).
+    """Return the untrained network: (n, 3, 66, 200) to `OUTPUT_SCALE` times the share, (n, 1).
 
-    DAVE-2 has 24 and 36 channels in its first two layers: these take half the time.
+    The first two layers have 16 and 32 channels, DAVE-2's 24 and 36: ours take half the time.
     """
     return nn.Sequential(
         *(nn.Conv2d(3, 16, 5, 2), nn.ReLU()),
@@ -210,14 +211,14 @@ def dave2() -> nn.Sequential:
 
 
 def from_keras(path: Path, with_weights: bool) -> nn.Sequential:
-    """The network in a file of Keras, for inputs and outputs as those of `dave2`.
+    """Return the network in a file of Keras, with inputs and outputs like `dave2`.
 
-    Dropout and the scaling of pixels are left out. Kernels of Keras have rows, columns, inputs and
-    outputs, and it flattens rows, columns and channels; here channels come first.
+    Dropout and the scaling of pixels are left out. A kernel of Keras has the axes rows, columns,
+    inputs, outputs, and Keras flattens rows, columns, channels; here channels come first.
 
     Args:
-        path: of the file, HDF5.
-        with_weights: whether it has the file's weights; else random ones.
+        path: the file, HDF5.
+        with_weights: whether to take the file's weights rather than random weights.
     """
     layers: list[nn.Module] = []
     channels = 3
@@ -250,7 +251,7 @@ def from_keras(path: Path, with_weights: bool) -> nn.Sequential:
             if options["activation"] != "linear":
                 layers.append({"elu": nn.ELU, "relu": nn.ReLU}[options["activation"]]())
     if with_weights:
-        unit = SCALE * UDACITY_STEERING / EmbeddedSimulator().vehicle.steering_limit
+        unit = OUTPUT_SCALE * UDACITY_STEERING / EmbeddedSimulator().vehicle.steering_limit
         with torch.no_grad():
             for values in layers[-1].parameters():
                 values.mul_(unit)
@@ -261,10 +262,10 @@ class Teacher:
     """Fits the network to frames.
 
     Args:
-        make: of it.
-        convention: of the network.
-        seed: of its weights and of its lessons.
-        device: that computes.
+        make: function that makes the untrained network.
+        convention: convention of the network.
+        seed: seed of the first weights and of the choice of frames.
+        device: device that computes, "cpu" or "cuda".
     """
 
     def __init__(
@@ -274,67 +275,69 @@ class Teacher:
         torch.use_deterministic_algorithms(True)
         self.network = make().to(device)
         self._device = device
-        self._optimiser = torch.optim.AdamW(self.network.parameters(), lr=RATE, weight_decay=1e-4)
+        self._optimiser = torch.optim.AdamW(
+            self.network.parameters(), lr=LEARNING_RATE, weight_decay=1e-4
+        )
         self._generator = torch.Generator().manual_seed(seed)
         weights, constants = convention.from_pixels()
         self._weights = torch.from_numpy(weights).to(device)
         self._constants = torch.from_numpy(constants).to(device)
 
-    def teach(self, frames: Frames, epochs: float, last_rate: float = RATE) -> float:
-        """Fits for some passes over the frames; the rate falls to the last one by a cosine.
+    def teach(self, frames: Frames, epochs: float, last_rate: float = LEARNING_RATE) -> float:
+        """Train for some passes over the frames; the learning rate falls along a cosine.
 
-        Returns the mean absolute error over the last tenth, as a share of the steering angle.
+        Return the mean absolute error over the last tenth, as a share of the steering angle.
         """
         images = np.stack(frames.images)
-        wanted = torch.tensor(frames.shares, dtype=torch.float32)
-        steps = round(epochs * len(frames) / BATCH)
+        expert_shares = torch.tensor(frames.shares, dtype=torch.float32)
+        steps = round(epochs * len(frames) / BATCH_SIZE)
         errors = []
         for step in range(steps):
             share = 0.5 + 0.5 * math.cos(math.pi * step / steps)
             for group in self._optimiser.param_groups:
-                group["lr"] = last_rate + share * (RATE - last_rate)
-            rows = torch.randint(len(frames), (BATCH,), generator=self._generator)
-            seen = self._inputs(torch.from_numpy(images[rows.numpy()]))
-            wished = SCALE * wanted[rows].to(self._device)
-            missed = self.network(seen)[:, 0] - wished
-            loss = nn.functional.huber_loss(missed, torch.zeros_like(missed), delta=0.3)
+                group["lr"] = last_rate + share * (LEARNING_RATE - last_rate)
+            rows = torch.randint(len(frames), (BATCH_SIZE,), generator=self._generator)
+            inputs = self._inputs(torch.from_numpy(images[rows.numpy()]))
+            targets = OUTPUT_SCALE * expert_shares[rows].to(self._device)
+            residuals = self.network(inputs)[:, 0] - targets
+            loss = nn.functional.huber_loss(residuals, torch.zeros_like(residuals), delta=0.3)
             self._optimiser.zero_grad()
             loss.backward()
             self._optimiser.step()
-            errors.append(missed.detach().abs().mean().item() / SCALE)
+            errors.append(residuals.detach().abs().mean().item() / OUTPUT_SCALE)
         return float(np.mean(errors[-max(steps // 10, 1) :]))
 
     def _inputs(self, images: torch.Tensor) -> torch.Tensor:
-        """Inputs of images, each in another light and with noise."""
+        """Return inputs for images, with random contrast, light and noise."""
         n = len(images)
 
-        def drawn(*shape: int) -> torch.Tensor:
+        def normal(*shape: int) -> torch.Tensor:
             return torch.randn(*shape, generator=self._generator).to(self._device)
 
         pixels = images.to(self._device).float()
-        contrast, light = 1.0 + 0.15 * drawn(n, 1, 1, 1), 15.0 * drawn(n, 1, 1, 1)
-        grain = 3.0 * drawn(n, pixels.shape[1], pixels.shape[2], 1)
+        contrast, light = 1.0 + 0.15 * normal(n, 1, 1, 1), 15.0 * normal(n, 1, 1, 1)
+        grain = 3.0 * normal(n, pixels.shape[1], pixels.shape[2], 1)
         pixels = (pixels * contrast + light + grain).clamp(0.0, 255.0)
         channels = pixels.reshape(n, -1, 3) @ self._weights.T + self._constants[:, 0]
         return channels.reshape(pixels.shape).permute(0, 3, 1, 2)
 
 
 def save(network: nn.Sequential, path: Path, entries: Mapping[str, Any]) -> None:
-    """Writes the network as ONNX, with its convention; the same weights give the same bytes."""
+    """Write the network as ONNX with its convention; the same weights give the same bytes."""
     nodes, tensors, value = [], [], "image"
     layers = list(network.cpu())
     for i, layer in enumerate(layers):
         name = "steering" if i == len(layers) - 1 else f"x{i}"
         inputs = [value]
         if isinstance(layer, (nn.Conv2d, nn.Linear)):
-            scale = SCALE if name == "steering" else 1.0
+            scale = OUTPUT_SCALE if name == "steering" else 1.0
             for kind, values in layer.state_dict().items():
                 inputs.append(f"{kind}{i}")
                 tensors.append(
                     numpy_helper.from_array(values.numpy() / np.float32(scale), inputs[-1])
                 )
         if isinstance(layer, nn.Conv2d):
-            stride = [int(one) for one in layer.stride]
+            stride = [int(pixels) for pixels in layer.stride]
             nodes.append(helper.make_node("Conv", inputs, [name], strides=stride))
         elif isinstance(layer, nn.Linear):
             nodes.append(helper.make_node("Gemm", inputs, [name], transB=1))
@@ -345,7 +348,7 @@ def save(network: nn.Sequential, path: Path, entries: Mapping[str, Any]) -> None
     graph = helper.make_graph(
         nodes,
         "dave2",
-        [helper.make_tensor_value_info("image", TensorProto.FLOAT, [1, 3, *SIZE])],
+        [helper.make_tensor_value_info("image", TensorProto.FLOAT, [1, 3, *INPUT_SIZE])],
         [helper.make_tensor_value_info("steering", TensorProto.FLOAT, [1, 1])],
         tensors,
     )
@@ -357,82 +360,87 @@ def save(network: nn.Sequential, path: Path, entries: Mapping[str, Any]) -> None
 
 
 def measure(path: Path, speeds: Sequence[float], n: int) -> None:
-    """Prints how the network steers beside the expert, and keeps its lane on fresh random roads."""
-    network, frames, rng = Network(str(path)), Frames(), np.random.default_rng(FRESH)
-    drive(random_roads(FRESH), EXAMINED, network.convention, network, frames, rng, by_expert=True)
-    most = math.degrees(EmbeddedSimulator().vehicle.steering_limit)
-    right, answers = most * np.array(frames.shares), most * np.array(frames.answers)
+    """Print how the network's steering differs from the expert's, and how often it keeps its lane.
+
+    It drives n fresh random roads at each of the speeds, in km/h.
+    """
+    network, frames, rng = Network(str(path)), Frames(), np.random.default_rng(EXAM_SEED)
+    roads = random_roads(EXAM_SEED)
+    drive(roads, EXAM_FRAMES, network.convention, network, frames, rng, by_expert=True)
+    limit = math.degrees(EmbeddedSimulator().vehicle.steering_limit)
+    expert, answers = limit * np.array(frames.shares), limit * np.array(frames.answers)
     print(
-        f"{EXAMINED} frames of the expert's drives: it steers {np.abs(right).mean():.2f} degrees,"
-        f" the network {np.abs(answers - right).mean():.2f} degrees from there,"
-        f" {(answers - right).mean():+.2f} on average where left is positive,"
-        f" correlation {np.corrcoef(right, answers)[0, 1]:.3f}",
+        f"{EXAM_FRAMES} frames of the expert's drives: it steers {np.abs(expert).mean():.2f}"
+        f" degrees, the network {np.abs(answers - expert).mean():.2f} degrees from there,"
+        f" {(answers - expert).mean():+.2f} on average where left is positive,"
+        f" correlation {np.corrcoef(expert, answers)[0, 1]:.3f}",
         flush=True,
     )
     for speed in speeds:
-        driver, simulator, roads = (
-            Network(str(path), max_speed=speed),
-            EmbeddedSimulator(),
-            random_roads(FRESH),
-        )
-        driven = (next(roads) for _ in range(n))
-        results = [judge(road, simulator.drive(road, driver)) for road in driven]
+        driver, simulator = Network(str(path), max_speed=speed), EmbeddedSimulator()
+        exam_roads = islice(random_roads(EXAM_SEED), n)
+        results = [judge(road, simulator.drive(road, driver)) for road in exam_roads]
         passed = sum(result.outcome is Outcome.PASS for result in results)
         moobd = median(result.moobd for result in results if result.moobd is not None)
         print(f"{speed:g} km/h: {passed} of {n} random roads passed, median MOOBD {moobd:.2f} m")
 
 
 def main() -> None:
-    """Trains as the arguments say."""
+    """Train and measure as the arguments say."""
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("--out", type=Path, required=True, help="The ONNX file.")
     parser.add_argument("--start", type=Path, help="Keras file of the network to begin with.")
-    parser.add_argument("--forget", action="store_true", help="Only its layers, not its weights.")
+    parser.add_argument("--forget", action="store_true", help="Take its layers, not its weights.")
     parser.add_argument(
         "--convention",
         type=json.loads,
-        help="JSON, over the preset; of a start by default Udacity's.",
+        help="JSON, over the preset. [default: with --start that of Udacity's simulator]",
     )
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--frames", type=int, default=2000, help="Frames of each round.")
-    parser.add_argument("--rounds", type=int, default=6, help="The first one by the expert.")
-    parser.add_argument("--passes", type=float, default=1.5, help="Passes over all frames a round.")
-    parser.add_argument("--last-passes", type=float, default=5.0, help="Passes at the end.")
+    parser.add_argument(
+        "--rounds", type=int, default=6, help="Rounds; the expert drives the first."
+    )
+    parser.add_argument(
+        "--passes", type=float, default=1.5, help="Passes over all frames in a round."
+    )
+    parser.add_argument("--last-passes", type=float, default=5.0, help="Passes in the last round.")
     parser.add_argument("--threads", type=int, default=1)
     parser.add_argument("--roads", type=int, default=200, help="Fresh roads of each measurement.")
-    parser.add_argument("--speeds", type=float, nargs="*", default=[50.0])
-    given = parser.parse_args()
-    torch.set_num_threads(given.threads)
+    parser.add_argument("--speeds", type=float, nargs="*", default=[50.0], help="km/h.")
+    options = parser.parse_args()
+    torch.set_num_threads(options.threads)
     device = "cuda" if torch.cuda.is_available() else "cpu"
-    make = dave2 if given.start is None else partial(from_keras, given.start, not given.forget)
-    usual = {} if given.start is None else UDACITY
-    entries = {"preset": PRESET, **(usual if given.convention is None else given.convention)}
-    convention = Convention.of({}, entries)
-    start, rng, frames = time.perf_counter(), np.random.default_rng(given.seed), Frames()
-    teacher, roads, network = (
-        Teacher(make, convention, given.seed, device),
-        random_roads(given.seed),
-        None,
+    make = (
+        dave2 if options.start is None else partial(from_keras, options.start, not options.forget)
     )
-    save(teacher.network, given.out, entries)
-    for i in range(given.rounds):
+    defaults = {} if options.start is None else UDACITY
+    entries = {"preset": PRESET, **(defaults if options.convention is None else options.convention)}
+    convention = Convention.of({}, entries)
+    start, rng, frames = time.perf_counter(), np.random.default_rng(options.seed), Frames()
+    teacher, roads = Teacher(make, convention, options.seed, device), random_roads(options.seed)
+    network = None
+    save(teacher.network, options.out, entries)
+    for i in range(options.rounds):
         teacher.network.to(device)
-        drive(roads, given.frames, convention, network, frames, rng, by_expert=i == 0)
-        driven = time.perf_counter() - start
-        is_last = i == given.rounds - 1
+        drive(roads, options.frames, convention, network, frames, rng, by_expert=i == 0)
+        drive_end = time.perf_counter() - start
+        is_last = i == options.rounds - 1
         error = teacher.teach(
-            frames, given.last_passes if is_last else given.passes, 1e-5 if is_last else RATE / 3
+            frames,
+            options.last_passes if is_last else options.passes,
+            1e-5 if is_last else LEARNING_RATE / 3,
         )
-        save(teacher.network, given.out, entries)
-        network = Network(str(given.out))
+        save(teacher.network, options.out, entries)
+        network = Network(str(options.out))
         print(
-            f"round {i + 1}: {len(frames)} frames after {driven:.0f} s, error {error:.4f} after"
+            f"round {i + 1}: {len(frames)} frames after {drive_end:.0f} s, error {error:.4f} after"
             f" {time.perf_counter() - start:.0f} s",
             flush=True,
         )
-    data = given.out.read_bytes()
-    print(f"{given.out}: {len(data)} bytes, SHA-256 {hashlib.sha256(data).hexdigest()}")
-    measure(given.out, given.speeds, given.roads)
+    data = options.out.read_bytes()
+    print(f"{options.out}: {len(data)} bytes, SHA-256 {hashlib.sha256(data).hexdigest()}")
+    measure(options.out, options.speeds, options.roads)
 
 
 if __name__ == "__main__":

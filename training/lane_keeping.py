@@ -1,25 +1,26 @@
-"""Trains a driver, lets a search break it, trains on what broke it, and says what that brought.
+"""Train a driver, search for its failing roads, train on them, and print what that improves.
 
     python3 -m venv train && train/bin/pip install -r training/requirements.txt
     train/bin/python training/lane_keeping.py [--seeds 1 2 3] [--out policies]
 
 For each seed, PPO of Stable-Baselines3 trains a policy on random roads in
-`frenetic/LaneKeeping-v0`. It is exported as a driver in an ONNX file, and the strategy `frenetic`
-searches for its failing roads. Then training goes on twice from there, for as many steps:
+`frenetic/LaneKeeping-v0`. This policy, `first`, is exported as a driver in an ONNX file, and the
+strategy `frenetic` searches for its failing roads. From `first`, training goes on in two ways, with
+the same number of steps:
 
-more       on random roads only: what more training alone brings
-retrained  half of the cars on the roads that failed, the others on random roads
+more       on random roads only, to show what more training alone improves
+retrained  half of the cars on the failing roads, the others on random roads
 
-All three drive the same fresh random roads, and fresh searches, on seeds of their own, look for
+All three policies drive the same fresh random roads, and fresh searches with other seeds look for
 failures of each. The columns:
 
 fails      failures per 100 fresh random roads
 distinct   distinct failures that a fresh search finds, mean of the searches
-failures   all failures that it finds, likewise
+failures   all failures that a fresh search finds, mean of the searches
 km/h       mean speed on the fresh random roads, the start included
 
-The last column tells a driver that is better from one that is only slower. The same seeds give the
-same figures on the same machine with the same versions.
+The speed shows whether a driver is better or only slower. The same seeds give the same figures on
+the same machine with the same versions.
 """
 
 from __future__ import annotations
@@ -50,32 +51,36 @@ from frenetic.plugins.vision.neural import METADATA, Network
 from frenetic.plugins.vision.policy import VECTOR_SIZE
 
 CARS: Final = 64
-ROLLOUT: Final = 256
+"""Cars that train at once."""
+ROLLOUT_STEPS: Final = 256
 """Steps of each car between two updates of the policy."""
-HIDDEN: Final = 64
+HIDDEN_SIZE: Final = 64
 """Neurons in each of the two hidden layers."""
-RATE: Final = 1e-3
+LEARNING_RATE: Final = 1e-3
 """Learning rate at the start."""
 REWARD_SCALE: Final = 0.05
-"""Rewards are multiplied by it, so that the values to be learnt are about 1."""
+"""Factor of the rewards, so that the values to learn are about 1."""
 SEARCHES: Final = 2
-"""Campaigns that search for roads to train on, and as many fresh ones that count."""
-FRESH: Final = 1_000_000
-"""Times the seed: the seed of fresh roads and searches, which training never saw."""
+"""Searches for roads to train on, and fresh searches for the figures."""
+EXAM_SEED_FACTOR: Final = 1_000_000
+"""Factor that turns a seed into the seed of fresh roads and searches, unknown to the training."""
 
 
 class Figures(NamedTuple):
-    """What is measured of a policy; the columns of the table."""
+    """Figures of a policy, the columns of the table."""
 
     fails: float
+    """Failures per 100 random roads."""
     distinct: float
+    """Distinct failures of a search."""
     failures: float
+    """Failures of a search."""
     speed: float
-    """km/h."""
+    """Mean speed, in km/h."""
 
 
 class Cars(VecEnv):
-    """Environments of Gymnasium that step together, as Stable-Baselines3 takes them."""
+    """Groups of Gymnasium environments as one vectorised environment of Stable-Baselines3."""
 
     def __init__(self, groups: Sequence[LaneKeepingVectorEnv], seed: int) -> None:
         self._groups, self._seed = groups, seed
@@ -88,85 +93,85 @@ class Cars(VecEnv):
         )
 
     def reset(self) -> npt.NDArray[np.float32]:
-        """The first observations."""
-        seen = [group.reset(seed=self._seed + 1000 * i) for i, group in enumerate(self._groups)]
-        return np.concatenate([vectors for vectors, _ in seen])
+        """Return the first observations."""
+        starts = [group.reset(seed=self._seed + 1000 * i) for i, group in enumerate(self._groups)]
+        return np.concatenate([vectors for vectors, _ in starts])
 
     def step_async(self, actions: npt.NDArray[np.float32]) -> None:
-        """Takes the actions."""
+        """Store the actions for `step_wait`."""
         self._actions = actions
 
     def step_wait(self) -> Any:
-        """Observations, rewards, whether episodes have ended, and how."""
+        """Return observations, rewards, whether episodes have ended, and how."""
         vectors, rewards, dones, infos = [], [], [], []
         for group, actions in zip(self._groups, np.split(self._actions, self._ends), strict=True):
-            seen, reward, terminated, truncated, info = group.step(actions)
+            observations, reward, terminated, truncated, info = group.step(actions)
             done = terminated | truncated
-            own: list[dict[str, Any]] = [{} for _ in done]
+            group_infos: list[dict[str, Any]] = [{} for _ in done]
             for k in done.nonzero()[0]:
-                own[k]["terminal_observation"] = info["final_obs"][k]
-                own[k]["TimeLimit.truncated"] = bool(truncated[k])
-            vectors.append(seen)
+                group_infos[k]["terminal_observation"] = info["final_obs"][k]
+                group_infos[k]["TimeLimit.truncated"] = bool(truncated[k])
+            vectors.append(observations)
             rewards.append(REWARD_SCALE * reward)
             dones.append(done)
-            infos += own
+            infos += group_infos
         return np.concatenate(vectors), np.concatenate(rewards), np.concatenate(dones), infos
 
     def close(self) -> None:
-        """Ends nothing."""
+        """Do nothing: there is nothing to close."""
 
     def get_attr(self, attr_name: str, indices: Any = None) -> list[Any]:  # noqa: ARG002
-        """The same attribute for all."""
+        """Return the attribute of the first group for each car."""
         return [getattr(self._groups[0], attr_name)] * self.num_envs
 
     def set_attr(self, attr_name: str, *_: Any, **__: Any) -> None:
-        """Nothing can be set."""
+        """Raise: no attribute can be set."""
         raise NotImplementedError(attr_name)
 
     def env_method(self, method_name: str, *_: Any, **__: Any) -> Any:
-        """Nothing can be called."""
+        """Raise: no method can be called."""
         raise NotImplementedError(method_name)
 
     def env_is_wrapped(self, *_: Any, **__: Any) -> list[bool]:
-        """None is."""
+        """Return False for each car."""
         return [False] * self.num_envs
 
 
 def cars(seed: int, roads: Sequence[Road] | None = None) -> Cars:
-    """Cars on random roads, half of them on the given ones if there are any."""
+    """Return cars on random roads; with `roads`, half of the cars drive on these."""
     shares = [(CARS, None)] if roads is None else [(CARS // 2, None), (CARS // 2, roads)]
     groups = [
-        LaneKeepingVectorEnv(num_envs=count, autoreset_mode="SameStep", roads=own)
-        for count, own in shares
+        LaneKeepingVectorEnv(num_envs=count, autoreset_mode="SameStep", roads=group_roads)
+        for count, group_roads in shares
     ]
     return Cars(groups, seed)
 
 
 def new_model(seed: int) -> PPO:
-    """An untrained model."""
+    """Return an untrained model."""
     return PPO(
         "MlpPolicy",
         cars(seed),
         seed=seed,
         device="cpu",
-        n_steps=ROLLOUT,
+        n_steps=ROLLOUT_STEPS,
         batch_size=2048,
         n_epochs=5,
         gamma=0.98,
         gae_lambda=0.95,
-        policy_kwargs={"net_arch": [HIDDEN, HIDDEN], "log_std_init": -1.0},
+        policy_kwargs={"net_arch": [HIDDEN_SIZE, HIDDEN_SIZE], "log_std_init": -1.0},
     )
 
 
-def train(model: PPO, on: Cars, steps: int, rate: float) -> None:
-    """Trains for some steps; the learning rate falls to a tenth."""
-    model.lr_schedule = lambda left: rate * (0.1 + 0.9 * left)
-    model.set_env(on)
+def train(model: PPO, training_cars: Cars, steps: int, rate: float) -> None:
+    """Train for some steps; the learning rate falls from `rate` to a tenth."""
+    model.lr_schedule = lambda remaining: rate * (0.1 + 0.9 * remaining)
+    model.set_env(training_cars)
     model.learn(steps)
 
 
 def save(model: PPO, path: Path) -> None:
-    """Writes the policy's mean action as a driver in an ONNX file."""
+    """Write the policy's mean action as a driver in an ONNX file."""
     policy = model.policy
     layers = [*policy.mlp_extractor.policy_net, policy.action_net]
     nodes, tensors, value = [], [], "vector"
@@ -196,7 +201,7 @@ def save(model: PPO, path: Path) -> None:
 
 
 def fresh_roads(model: PPO, seed: int, roads: int) -> tuple[float, float]:
-    """(failures per 100, mean km/h) of the policy on random roads, one for each of many cars."""
+    """Return failures per 100 and mean km/h of the policy on random roads, one for each car."""
     envs = LaneKeepingVectorEnv(num_envs=roads)
     vectors, _ = envs.reset(seed=seed)
     is_driving = np.ones(roads, bool)
@@ -214,7 +219,7 @@ def fresh_roads(model: PPO, seed: int, roads: int) -> tuple[float, float]:
 
 
 def search(driver: Network, seed: int, simulations: int, folder: Path) -> Path:
-    """A campaign that searches for failing roads of a driver."""
+    """Search for failing roads of a driver; return the campaign's folder."""
     Campaign(
         strategy=Frenetic(seed=seed),
         simulator=EmbeddedSimulator(),
@@ -226,70 +231,74 @@ def search(driver: Network, seed: int, simulations: int, folder: Path) -> Path:
 
 
 def measure(model: PPO, path: Path, seed: int, roads: int, simulations: int) -> Figures:
-    """The figures of a policy on fresh roads and in fresh searches."""
-    fails, speed = fresh_roads(model, FRESH * seed, roads)
-    found = []
+    """Return the figures of a policy on fresh roads and in fresh searches."""
+    fails, speed = fresh_roads(model, EXAM_SEED_FACTOR * seed, roads)
+    measures = []
     with tempfile.TemporaryDirectory() as folder:
         for i in range(SEARCHES):
-            place = Path(folder) / str(i)
-            search(Network(str(path)), FRESH * seed + i, simulations, place)
-            found.append(measure_campaign(place))
+            exam_seed = EXAM_SEED_FACTOR * seed + i
+            campaign = search(Network(str(path)), exam_seed, simulations, Path(folder) / str(i))
+            measures.append(measure_campaign(campaign))
     return Figures(
         fails,
-        float(np.mean([one.distinct_failures for one in found])),
-        float(np.mean([one.failures_after[-1] for one in found])),
+        float(np.mean([measured.distinct_failures for measured in measures])),
+        float(np.mean([measured.failures_after[-1] for measured in measures])),
         speed,
     )
 
 
 def main() -> None:
-    """Trains as the arguments say."""
+    """Train and measure as the arguments say."""
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
-    parser.add_argument("--out", type=Path, default=Path("policies"), help="Folder of ONNX files.")
+    parser.add_argument(
+        "--out", type=Path, default=Path("policies"), help="Folder for the ONNX files."
+    )
     parser.add_argument("--seeds", type=int, nargs="+", default=[1, 2, 3])
     parser.add_argument("--steps", type=int, default=1_500_000, help="Steps of the first training.")
-    parser.add_argument("--more", type=int, default=750_000, help="Steps of each one after it.")
-    parser.add_argument("--simulations", type=int, default=300, help="Of each search.")
+    parser.add_argument("--more", type=int, default=750_000, help="Steps of each further training.")
+    parser.add_argument("--simulations", type=int, default=300, help="Drives of each search.")
     parser.add_argument("--roads", type=int, default=2000, help="Fresh random roads.")
-    given = parser.parse_args()
+    options = parser.parse_args()
     torch.set_num_threads(1)
-    given.out.mkdir(parents=True, exist_ok=True)
+    options.out.mkdir(parents=True, exist_ok=True)
     print(f"{'seed':>4}  {'policy':<10}{'fails':>7}{'distinct':>10}{'failures':>10}{'km/h':>7}")
     table: dict[str, list[Figures]] = {}
 
     def report(seed: int, name: str, model: PPO) -> Path:
-        path = given.out / f"{name}-{seed}.onnx"
+        path = options.out / f"{name}-{seed}.onnx"
         save(model, path)
-        figures = measure(model, path, seed, given.roads, given.simulations)
+        figures = measure(model, path, seed, options.roads, options.simulations)
         table.setdefault(name, []).append(figures)
         show(str(seed), name, figures)
         return path
 
     begin = time.process_time()
-    for seed in given.seeds:
+    for seed in options.seeds:
         model = new_model(seed)
-        train(model, cars(seed), given.steps, RATE)
+        train(model, cars(seed), options.steps, LEARNING_RATE)
         path = report(seed, "first", model)
         with tempfile.TemporaryDirectory() as folder:
-            broken = [
-                search(Network(str(path)), 100 * seed + i, given.simulations, Path(folder) / str(i))
+            campaigns = [
+                search(
+                    Network(str(path)), 100 * seed + i, options.simulations, Path(folder) / str(i)
+                )
                 for i in range(SEARCHES)
             ]
-            failing = roads_of(broken)
-        print(f"      {len(failing)} failing roads to train on")
-        trained = {name: value.clone() for name, value in model.policy.state_dict().items()}
-        for name, roads in (("more", None), ("retrained", failing)):
-            again = new_model(seed)
-            again.policy.load_state_dict(trained)
-            train(again, cars(seed + 500, roads), given.more, RATE / 2.0)
-            report(seed, name, again)
+            failing_roads = roads_of(campaigns)
+        print(f"      {len(failing_roads)} failing roads to train on")
+        weights = {name: value.clone() for name, value in model.policy.state_dict().items()}
+        for name, roads in (("more", None), ("retrained", failing_roads)):
+            further = new_model(seed)
+            further.policy.load_state_dict(weights)
+            train(further, cars(seed + 500, roads), options.more, LEARNING_RATE / 2.0)
+            report(seed, name, further)
     for name, figures in table.items():
         show("all", name, Figures(*(median(column) for column in zip(*figures, strict=True))))
     print(f"{time.process_time() - begin:.0f} s of CPU time")
 
 
 def show(seed: str, name: str, figures: Figures) -> None:
-    """Prints a row of the table."""
+    """Print a row of the table."""
     fails, distinct, failures, speed = figures
     print(
         f"{seed:>4}  {name:<10}{fails:>7.2f}{distinct:>10.1f}{failures:>10.1f}{speed:>7.1f}",
