@@ -1,8 +1,8 @@
-"""Runs the notebook and writes its outputs into it: ``python docs/make_notebook.py``.
+"""Run the notebook and write its outputs into it: ``python docs/make_notebook.py``.
 
-The cells run here, one after the other, in a folder of their own. What Jupyter would show is kept:
-what a cell prints, its last value, and its figures. So neither a kernel nor a server is needed.
-The figures are written to docs/images, too, for the pages that show them.
+The cells run in this process, one after the other, in a temporary folder, so neither a kernel nor a
+server is needed. The outputs are those that Jupyter shows: what a cell prints, its last value, and
+its figures. The figures are also written to docs/images, for the pages that show them.
 """
 
 from __future__ import annotations
@@ -24,41 +24,41 @@ from frenetic.report.style import encode_figure
 
 NOTEBOOK = Path(__file__).parent / "notebook.ipynb"
 IMAGES = Path(__file__).parent / "images"
-COLOURS = 64  # of a picture, which keeps it small
+COLOURS = 64  # in a figure; few colours keep the file small
 
 
 def run_notebook(notebook: dict[str, Any], folder: Path) -> dict[str, Any]:
-    """The notebook with the outputs of its cells, run in a folder."""
-    here, names = Path.cwd(), {"__name__": "__main__"}
+    """Run the cells in a folder; return the notebook with their outputs."""
+    working_folder, names = Path.cwd(), {"__name__": "__main__"}
     plt.switch_backend("agg")
     os.chdir(folder)
     try:
         cells = []
         for cell in notebook["cells"]:
             if cell["cell_type"] == "code":
-                number = 1 + sum("outputs" in one for one in cells)
+                number = 1 + sum("outputs" in earlier for earlier in cells)
                 outputs = run_cell("".join(cell["source"]), names, number)
                 cell = {**cell, "execution_count": number, "outputs": outputs}
             cells.append(cell)
     finally:
-        os.chdir(here)
+        os.chdir(working_folder)
         plt.close("all")
     return {**notebook, "cells": cells}
 
 
 def run_cell(source: str, names: dict[str, Any], number: int) -> list[dict[str, Any]]:
-    """The outputs of a cell."""
+    """Run a cell; return its outputs."""
     body = ast.parse(source).body
     last = body.pop() if body and isinstance(body[-1], ast.Expr) else None
-    value, written = None, io.StringIO()
-    with contextlib.redirect_stdout(written):
+    value, printed = None, io.StringIO()
+    with contextlib.redirect_stdout(printed):
         exec(compile(ast.Module(body, []), f"<cell {number}>", "exec"), names)  # noqa: S102
         if isinstance(last, ast.Expr):
             value = eval(compile(ast.Expression(last.value), f"<cell {number}>", "eval"), names)  # noqa: S307
     outputs: list[dict[str, Any]] = []
-    if written.getvalue():
+    if printed.getvalue():
         outputs.append(
-            {"output_type": "stream", "name": "stdout", "text": lines(written.getvalue())}
+            {"output_type": "stream", "name": "stdout", "text": lines(printed.getvalue())}
         )
     if value is not None and not source.rstrip().endswith(";"):
         data = {"text/plain": lines(repr(value))}
@@ -81,29 +81,29 @@ def run_cell(source: str, names: dict[str, Any], number: int) -> list[dict[str, 
 
 
 def figures(notebook: dict[str, Any]) -> dict[str, bytes]:
-    """The figures of an executed notebook, PNG, by the names of their files."""
-    found = [
+    """Return the figures of an executed notebook: file name -> PNG."""
+    pngs = [
         base64.b64decode(output["data"]["image/png"])
         for cell in notebook["cells"]
         for output in cell.get("outputs", ())
         if "image/png" in output.get("data", ())
     ]
-    return {f"notebook-{number}.png": png for number, png in enumerate(found, 1)}
+    return {f"notebook-{number}.png": png for number, png in enumerate(pngs, 1)}
 
 
 def lines(text: str) -> list[str]:
-    """A text as notebooks keep it."""
+    """Return a text as a list of lines, as notebooks store it."""
     return text.splitlines(keepends=True)
 
 
 def main() -> None:
-    """Runs the notebook where it lies."""
+    """Run the notebook and write its outputs and figures."""
     notebook = json.loads(NOTEBOOK.read_text(encoding="utf-8"))
     with tempfile.TemporaryDirectory() as folder:
-        done = run_notebook(notebook, Path(folder))
-    text = json.dumps(done, indent=1, ensure_ascii=False) + "\n"
+        executed = run_notebook(notebook, Path(folder))
+    text = json.dumps(executed, indent=1, ensure_ascii=False) + "\n"
     NOTEBOOK.write_text(text, encoding="utf-8", newline="\n")
-    for name, png in figures(done).items():
+    for name, png in figures(executed).items():
         (IMAGES / name).write_bytes(png)
     sys.stdout.write(f"{NOTEBOOK}: {len(text.encode()) / 1000:.0f} kB\n")
 

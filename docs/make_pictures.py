@@ -1,4 +1,4 @@
-"""Makes pictures in the docs: ``python docs/make_pictures.py``."""
+"""Make pictures of the docs: ``python docs/make_pictures.py``."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from frenetic.road.classes import RoadClass
 
 IMAGES = Path(__file__).parent / "images"
 FRICTIONS = {"urban-50": 0.25, "rural-80": 0.3, "rural-100": 0.4, "motorway-130": 0.45}
-"""Road class -> friction at which the planner leaves its lane on some of its roads."""
+"""Road class -> friction at which the planner leaves its lane on some roads of the class."""
 
 
 def draw_classes() -> None:
-    """Draws the longest drive among the 20 most severe failures in each road class."""
+    """Draw the longest drive among the 20 most severe failures in each road class."""
     for name, friction in FRICTIONS.items():
         road_class = RoadClass.of(name)
         rules = Rules(speed_limit=road_class.speed_limit)
@@ -37,9 +37,8 @@ def draw_classes() -> None:
                 draw_test(test, IMAGES / f"road-{name}.png", f"{name}, friction {friction:g}")
 
 
-def main() -> None:
-    """Draws failures in road classes; runs two strategies six times and draws their comparison."""
-    draw_classes()
+def draw_strategies() -> None:
+    """Run two strategies six times each and draw their comparison."""
     with tempfile.TemporaryDirectory() as folder:
         groups: dict[str, list[Path]] = {"frenetic": [], "random": []}
         for name, strategy in (("frenetic", Frenetic), ("random", RandomSearch)):
@@ -53,6 +52,12 @@ def main() -> None:
                     folder=groups[name][-1],
                 ).run()
         draw_comparison(compare(groups), IMAGES / "comparison.svg")
+
+
+def main() -> None:
+    """Draw failures in road classes and the comparison of two strategies."""
+    draw_classes()
+    draw_strategies()
 
 
 if __name__ == "__main__":

@@ -1,6 +1,6 @@
-"""Makes the pictures of the report's page: ``python docs/make_report_pictures.py``.
+"""Make the pictures of the page on reports: ``python docs/make_report_pictures.py``.
 
-Needs Playwright and a Chromium, as the report's tests do.
+This needs Playwright and a Chromium, as the report's tests do.
 """
 
 from __future__ import annotations
@@ -25,30 +25,30 @@ SEED = 1
 
 
 def main() -> None:
-    """Runs a campaign, writes its report and takes pictures of it."""
-    found = os.environ.get("FRENETIC_CHROMIUM") or shutil.which("chromium")
-    if found is None:
+    """Run a campaign, write its report and take pictures of it."""
+    chromium = os.environ.get("FRENETIC_CHROMIUM") or shutil.which("chromium")
+    if chromium is None:
         sys.exit("there is no Chromium: install one, or name it in FRENETIC_CHROMIUM")
     with tempfile.TemporaryDirectory() as folder, sync_playwright() as playwright:
-        os.chdir(folder)  # its name would be in the pictures
+        os.chdir(folder)  # a path to it would be in the pictures
         report = make_report(Path("reported")).resolve()
         options = ["--no-sandbox"] if hasattr(os, "geteuid") and os.geteuid() == 0 else []
-        browser = playwright.chromium.launch(executable_path=found, args=options)
+        browser = playwright.chromium.launch(executable_path=chromium, args=options)
         take_pictures(browser, report)
         browser.close()
-        os.chdir(IMAGES)  # the folder goes
+        os.chdir(IMAGES)  # the temporary folder is deleted now
 
 
 def make_report(folder: Path) -> Path:
-    """The report of a campaign whose most severe failures were driven again."""
+    """Run a campaign, rerun its most severe failures, and return the path of its report."""
     cli.main(["run", "--seed", str(SEED), "--out", str(folder)], standalone_mode=False)
     with CampaignStore.open(folder) as store:
-        shown = [test.id for test in representative_failures(store, 8)]
+        failing_tests = [test.id for test in representative_failures(store, 8)]
     rerun(
         folder,
         EmbeddedSimulator(),
         Planner(),
-        tests=shown,
+        tests=failing_tests,
         times=20,
         vary=[Variation("friction", 0.9, 1.3), Variation("start", -0.2, 0.2)],
     )
@@ -56,15 +56,15 @@ def make_report(folder: Path) -> Path:
 
 
 def take_pictures(browser: Browser, report: Path) -> None:
-    """The page's top, its map, the player, light and dark, and a phone."""
-    page = opened(browser, report, 1180, 1010)
+    """Take pictures of the page's top, its map, and the player in dark colours."""
+    page = open_report(browser, report, 1180, 1010)
     save(page, "report-top")
     page.set_viewport_size({"width": 1180, "height": 860})
     page.locator(".cell.severity.depth-5, .cell.severity.depth-4").first.click()
     page.locator("#map").scroll_into_view_if_needed()
     page.evaluate("document.getElementById('map').scrollIntoView({behavior: 'instant'})")
     save(page, "report-map")
-    dark = opened(browser, report, 1180, 940, dark=True)
+    dark = open_report(browser, report, 1180, 940, dark=True)
     dark.locator(".gallery .card").nth(2).click()
     dark.keyboard.press("End")
     for _ in range(2):
@@ -73,8 +73,10 @@ def take_pictures(browser: Browser, report: Path) -> None:
     save(dark, "report-player")
 
 
-def opened(browser: Browser, report: Path, width: int, height: int, *, dark: bool = False) -> Page:
-    """The report in a window of its own."""
+def open_report(
+    browser: Browser, report: Path, width: int, height: int, *, dark: bool = False
+) -> Page:
+    """Open the report in a new window of this size, in pixels."""
     page = browser.new_context(
         viewport={"width": width, "height": height},
         color_scheme="dark" if dark else "light",
@@ -86,7 +88,7 @@ def opened(browser: Browser, report: Path, width: int, height: int, *, dark: boo
 
 
 def save(page: Page, name: str) -> None:
-    """A picture of the visible part."""
+    """Write a picture of the visible part."""
     page.screenshot(path=IMAGES / f"{name}.png")
 
 
