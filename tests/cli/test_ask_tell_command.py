@@ -48,7 +48,7 @@ class Client:
         return candidate
 
     def tell(self, road: dict[str, Any], **result: Any) -> dict[str, Any]:
-        return self.call(tell={"id": road["id"], **(result or made_up(road))})
+        return self.call(tell={"id": road["id"], **(result or sample_result(road))})
 
     def end(self) -> dict[str, Any]:
         summary: dict[str, Any] = self.call(end={})["summary"]
@@ -61,36 +61,36 @@ class Client:
         self.process.communicate()
 
 
-def made_up(road: dict[str, Any]) -> dict[str, Any]:
-    """A result that depends on the road alone, every other time with the drive."""
+def sample_result(road: dict[str, Any]) -> dict[str, Any]:
+    """A result that depends on the road alone; for every other road with records of a drive."""
     moobd = 1.5 - 40.0 * max(map(abs, road["curvatures"]))
-    told = {"outcome": "FAIL" if moobd < -0.5 else "PASS", "moobd": moobd, "duration": 20.0}
+    result = {"outcome": "FAIL" if moobd < -0.5 else "PASS", "moobd": moobd, "duration": 20.0}
     if road["id"] % 2:
         x, y = zip(*road["points"], strict=True)
         time = [0.2 * i for i in range(len(x))]
-        told["records"] = {"time": time, "x": x, "y": y, "speed": [9.0] * len(x)}
-    return told
+        result["records"] = {"time": time, "x": x, "y": y, "speed": [9.0] * len(x)}
+    return result
 
 
-def test_roads_are_the_strategys_and_the_campaign_is_like_any_other(tmp_path: Path) -> None:
+def test_ask_hands_out_the_strategys_roads_and_leaves_a_usual_campaign(tmp_path: Path) -> None:
     client = Client(tmp_path / "told", "--seed", "3", "--strategy", "random", "--simulations", "12")
-    told = 0
+    reported = 0
     while "candidate" in (answer := client.call(ask={})):
         assert client.tell(answer["candidate"])["told"] == answer["candidate"]["id"]
-        told += 1
+        reported += 1
     assert answer == {"end": "the budget is spent"}
     assert client.call(ask={}) == answer
     assert "not outstanding" in client.tell({"id": 1}, outcome="PASS")["error"]
     summary = client.end()
-    assert told == summary["simulations"] == 12
+    assert reported == summary["simulations"] == 12
 
     folder = tmp_path / "told"
-    alone = RandomSearch(seed=3)
+    strategy = RandomSearch(seed=3)
     with CampaignStore.open(folder) as store:
         tests = list(store.tests(with_trajectory=True))
         assert store.config["driver"]["options"] == {"name": "client"}  # type: ignore[index, call-overload]
     for test in tests:
-        assert test.candidate.curvatures.tolist() == alone.ask().curvatures.tolist()
+        assert test.candidate.curvatures.tolist() == strategy.ask().curvatures.tolist()
         assert (test.outcome is Outcome.INVALID) or (test.trajectory is None) == (test.id % 2 == 0)
     assert sum(test.outcome is Outcome.FAIL for test in tests) == summary["failed"] > 0
     assert not check_campaign(folder).findings
@@ -108,36 +108,36 @@ class Loud(RandomSearch):
 """
 
 
-def test_what_cannot_be_used_is_answered_and_changes_nothing(tmp_path: Path) -> None:
-    """Nor is what a strategy prints an answer."""
+def test_an_unusable_request_is_answered_and_changes_nothing(tmp_path: Path) -> None:
+    """What the strategy prints is not taken for an answer."""
     (tmp_path / "loud.py").write_text(LOUD, encoding="utf-8")
     client = Client(tmp_path / "told", "--strategy", f"{tmp_path}/loud.py:Loud")
-    road, *more = [client.road() for _ in range(4)]
-    assert len({one["id"] for one in (road, *more)}) == 4
-    told = {"id": road["id"], "outcome": "FAIL"}
-    for request, fault in (
+    road, *others = [client.road() for _ in range(4)]
+    assert len({candidate["id"] for candidate in (road, *others)}) == 4
+    result = {"id": road["id"], "outcome": "FAIL"}
+    for request, error in (
         ({"tell": {"id": 99, "outcome": "PASS"}}, "candidate 99 is not outstanding"),
-        ({"tell": told | {"outcome": "MAYBE"}}, "$.outcome"),
-        ({"tell": told | {"moobd": 1e999}}, "`$.moobd`"),
-        ({"tell": told | {"moobd": -1e308}}, "`$.moobd`"),
-        ({"tell": told | {"where": 3}}, "`where`"),
+        ({"tell": result | {"outcome": "MAYBE"}}, "$.outcome"),
+        ({"tell": result | {"moobd": 1e999}}, "`$.moobd`"),
+        ({"tell": result | {"moobd": -1e308}}, "`$.moobd`"),
+        ({"tell": result | {"where": 3}}, "`where`"),
         (
-            {"tell": told | {"records": {"time": [0.0], "x": [], "y": [], "speed": []}}},
+            {"tell": result | {"records": {"time": [0.0], "x": [], "y": [], "speed": []}}},
             "lists of one length",
         ),
         ({"drive": {}}, "unknown request 'drive'"),
         (
             {
-                "tell": told
+                "tell": result
                 | {"records": {"time": [2, 1], "x": [0, 0], "y": [0, 0], "speed": [0, 0]}}
             },
             "the time of records has to increase",
         ),
         (
-            {"tell": told | {"records": {"time": [0], "x": [1e300], "y": [0], "speed": [0]}}},
+            {"tell": result | {"records": {"time": [0], "x": [1e300], "y": [0], "speed": [0]}}},
             "x of record 0 is 1e+300",
         ),
-        ({"tell": told | {"side": "left"}}, "needs the place"),
+        ({"tell": result | {"side": "left"}}, "needs the place"),
         ({"ask": {}, "tell": {}}, "an object with one entry"),
         ({}, "an object with one entry"),
         ({"ask": 1}, "Expected `object`"),
@@ -145,17 +145,17 @@ def test_what_cannot_be_used_is_answered_and_changes_nothing(tmp_path: Path) -> 
         ({"validate": {"points": [[0.0]]}}, "`array` of length 2"),
     ):
         answer = client.call(**request)
-        assert fault in answer["error"], (request, answer)
+        assert error in answer["error"], (request, answer)
         assert "\n" not in answer["error"]
     verdict = client.call(validate={"points": [[20, 20], [20, 120]]})
     assert verdict == {"valid": True, "message": ""}
     assert client.call(validate={"points": [[20, 20], [20, 320]]})["valid"] is False
-    for one in (*reversed(more), road):  # in any order
-        assert client.tell(one)["told"] == one["id"]
+    for candidate in (*reversed(others), road):  # in any order
+        assert client.tell(candidate)["told"] == candidate["id"]
     assert client.end()["simulations"] == 4
 
 
-def test_a_line_that_cannot_be_read_is_answered_and_changes_nothing(tmp_path: Path) -> None:
+def test_an_unreadable_line_is_answered_and_changes_nothing(tmp_path: Path) -> None:
     lines = [
         b"[" * 100_000,
         b'{"a":' * 100_000,
@@ -181,7 +181,7 @@ def test_a_line_that_cannot_be_read_is_answered_and_changes_nothing(tmp_path: Pa
     assert end["summary"]["tests"] == 0
 
 
-def test_a_domain_gives_conditions(tmp_path: Path) -> None:
+def test_with_a_domain_each_road_has_conditions(tmp_path: Path) -> None:
     file = tmp_path / "town.toml"
     file.write_text(
         'roads = "urban-50,length=300"\n[conditions]\nfriction = { low = 0.3, high = 0.5 }\n'
@@ -205,22 +205,22 @@ def test_a_domain_gives_conditions(tmp_path: Path) -> None:
     assert not check_campaign(tmp_path / "told").findings
 
 
-def test_killed_it_goes_on_with_the_same_roads(tmp_path: Path) -> None:
+def test_after_a_kill_the_search_goes_on_with_the_same_roads(tmp_path: Path) -> None:
     options = ("--seed", "5", "--simulations", "20")
     roads: dict[str, list[dict[str, Any]]] = {"whole": [], "part": []}
     for name, stop in (("whole", 99), ("part", 8), ("part", 99)):
-        client, got = Client(tmp_path / name, *options), roads[name]
+        client, received = Client(tmp_path / name, *options), roads[name]
         while "candidate" in (answer := client.call(ask={})):
-            if len(got) == stop:
-                break  # this one was handed out, and is not told
-            got.append(answer["candidate"])
+            if len(received) == stop:
+                break  # before the result of this road is sent
+            received.append(answer["candidate"])
             client.tell(answer["candidate"])
         client.kill()
     assert roads["part"] == roads["whole"]
 
 
 @pytest.mark.heavy
-def test_what_was_told_before_an_older_road_survives_a_kill(tmp_path: Path) -> None:
+def test_results_that_came_before_an_older_roads_result_survive_a_kill(tmp_path: Path) -> None:
     folder, options = tmp_path / "told", ("--seed", "5", "--simulations", "20")
     client = Client(folder, *options)
     oldest, *others = [client.road() for _ in range(3)]
@@ -228,18 +228,18 @@ def test_what_was_told_before_an_older_road_survives_a_kill(tmp_path: Path) -> N
         assert client.tell(road)["told"] == road["id"]
     client.kill()
     client = Client(folder, *options)
-    assert client.road() == oldest, "handed out again, and it alone"
+    assert client.road() == oldest, "only this road has no result"
     client.tell(oldest)
     assert client.road()["id"] == 4
     assert client.end()["simulations"] == 3
     with CampaignStore.open(folder) as store:
         moobds = {test.id: test.moobd for test in store.tests()}
-    assert moobds == {one["id"]: made_up(one)["moobd"] for one in (oldest, *others)}
+    assert moobds == {road["id"]: sample_result(road)["moobd"] for road in (oldest, *others)}
     assert not [*(folder / "waiting").iterdir()]
 
 
 class OneByOne(Strategy):
-    """Wants to be told each result before it proposes the next road, and ends after three."""
+    """Proposes a road only after the result of the road before, and ends after three."""
 
     def __init__(self) -> None:
         self.ledger = Ledger()
@@ -258,7 +258,7 @@ class OneByOne(Strategy):
         self.ledger.settle(evaluation)
 
 
-def test_a_strategy_may_want_to_be_told_first(tmp_path: Path) -> None:
+def test_a_strategy_may_wait_for_a_result(tmp_path: Path) -> None:
     answers: list[Any] = []
 
     def requests() -> Iterator[str]:
@@ -278,15 +278,15 @@ def test_a_strategy_may_want_to_be_told_first(tmp_path: Path) -> None:
     )
     summary = campaign.serve()
     kinds = [next(iter(answer)) for answer in answers]
-    told = ["told", "candidate"]
-    assert kinds == ["candidate", "wait", *told, *told, "told", "end", "summary"]
+    answers_to_two_roads = 2 * ["told", "candidate"]
+    assert kinds == ["candidate", "wait", *answers_to_two_roads, "told", "end", "summary"]
     assert summary.ended == "three are enough"
 
 
 @pytest.mark.heavy
 @pytest.mark.skipif(shutil.which("node") is None, reason="node is not installed")
 def test_the_client_in_javascript_runs(tmp_path: Path) -> None:
-    """That in Python is run with its page."""
+    """The client in Python runs with the page that shows it."""
     done = subprocess.check_output(["node", CLIENT], cwd=tmp_path, text=True)
     assert re.fullmatch(r"[1-9]\d* failures", done.strip())
     with CampaignStore.open(tmp_path / "told-js") as store:
@@ -294,12 +294,14 @@ def test_the_client_in_javascript_runs(tmp_path: Path) -> None:
 
 
 @pytest.mark.heavy
-def test_a_told_share_replaces_the_count_also_after_a_crash(tmp_path: Path) -> None:
-    """A result without MOOBD is kept, too, and teaches nothing."""
+def test_a_reported_share_of_the_budget_replaces_the_count_also_after_a_kill(
+    tmp_path: Path,
+) -> None:
+    """A result without MOOBD is stored, too."""
     folder = tmp_path / "told"
     options = ("--simulations", "2", "--seed", "3")
     client = Client(folder, *options)
-    for number in range(12):  # more drives than counted, and more that broke than are borne
+    for number in range(12):  # more than --simulations, and more errors than end a usual search
         road = client.road()
         answer = client.tell(road, outcome="ERROR", reason="so", budget_spent=0.05 * number)
         assert answer["budget_spent"] == pytest.approx(0.05 * number)

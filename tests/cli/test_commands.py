@@ -1,4 +1,4 @@
-"""Every command: what it answers in JSON, and each mistake in one line that leaves nothing."""
+"""Every command: its JSON, and its mistakes, each of which is one line and changes no file."""
 
 from __future__ import annotations
 
@@ -179,11 +179,11 @@ NAMES: Final = cli.list_commands(click.Context(cli))
 
 
 @pytest.fixture(scope="module")
-def place(
+def workplace(
     tmp_path_factory: pytest.TempPathFactory, searched: Path, prepare: Callable[..., None]
 ) -> Path:
-    """A folder with campaigns, roads and files, which no mistake may change."""
-    folder = tmp_path_factory.mktemp("place")
+    """A folder with campaigns, roads and other files, which no mistake may change."""
+    folder = tmp_path_factory.mktemp("workplace")
     shutil.copytree(searched, folder / "c", ignore=shutil.ignore_patterns("failures"))
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(folder)
@@ -237,28 +237,28 @@ BEND = [0.0, 0.01, 0.0, 0.0, 0.01, 0.012, -0.03, -0.036, -0.05, 0.0, 0.0, 0.0, 0
 """The default driver leaves its lane here."""
 
 
-def files(folder: Path) -> dict[Path, int]:
-    """All that is there, with its size, but Python's bytecode and what SQLite opens beside."""
-    beside = {".pyc", ".sqlite-shm", ".sqlite-wal"}
-    found = (path for path in folder.rglob("*") if path.name != "__pycache__")
-    return {path: path.stat().st_size for path in found if path.suffix not in beside}
+def sizes_of_files(folder: Path) -> dict[Path, int]:
+    """All files with their sizes, without Python's bytecode and SQLite's auxiliary files."""
+    auxiliary = {".pyc", ".sqlite-shm", ".sqlite-wal"}
+    paths = (path for path in folder.rglob("*") if path.name != "__pycache__")
+    return {path: path.stat().st_size for path in paths if path.suffix not in auxiliary}
 
 
 @pytest.mark.parametrize("mistake", MISTAKES, ids=lambda mistake: mistake[0][:60])
-def test_a_mistake_is_one_line_and_leaves_nothing(
-    frenetic: Frenetic, place: Path, mistake: tuple[str, ...], monkeypatch: pytest.MonkeyPatch
+def test_a_mistake_is_one_line_and_changes_no_file(
+    frenetic: Frenetic, workplace: Path, mistake: tuple[str, ...], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.chdir(place)
+    monkeypatch.chdir(workplace)
     with CampaignStore.open("c") as store:
         ids = {
             name: next(iter(store.tests(outcome))).id
             for name, outcome in (("failing", Outcome.FAIL), ("passed", Outcome.PASS))
         }
     words = [text.format(**ids) for text in mistake]
-    before = files(place)
+    before = sizes_of_files(workplace)
     answer = frenetic(*shlex.split(words[0]), "--json")
     assert answer.refuses(*words[1:]), answer
-    assert files(place) == before
+    assert sizes_of_files(workplace) == before
 
 
 DRIVE = {
@@ -269,8 +269,8 @@ DRIVE = {
 }
 
 
-def test_every_command_has_its_calls_and_mistakes_here() -> None:
-    commands = {*NAMES} - {"ask-tell"}  # which talks in JSON
+def test_every_command_has_a_call_and_a_mistake_above() -> None:
+    commands = {*NAMES} - {"ask-tell"}  # which answers in JSON lines
     assert {call.split()[0] for call in CALLS} == commands
     assert {mistake.split()[0] for mistake, *_ in MISTAKES} - {"fly"} == commands
 
@@ -282,7 +282,7 @@ def test_every_command_has_its_calls_and_mistakes_here() -> None:
         for call in CALLS
     ],
 )
-def test_every_command_prints_one_document(frenetic: Frenetic, copied: str, call: str) -> None:
+def test_every_command_prints_one_json_document(frenetic: Frenetic, copied: str, call: str) -> None:
     Path("bend.json").write_text(json.dumps({"curvatures": BEND}))
     Path("odd.toml").write_text(ODD)
     Path("drives.jsonl").write_text(
@@ -291,7 +291,7 @@ def test_every_command_prints_one_document(frenetic: Frenetic, copied: str, call
     shutil.copytree(copied, "d")
     answer = frenetic(*shlex.split(call), "--json")
     assert answer.code in (0, 1, 3)
-    document = answer.json  # raises if there is anything beside it
+    document = answer.json  # raises if stdout holds more than one document
     first = document[0] if isinstance(document, list) else document
     assert set(CALLS[call].split()) <= set(first)
 
@@ -305,13 +305,13 @@ LISTED: Final = {
 }
 
 
-def test_listings(frenetic: Frenetic) -> None:
-    whole, every = frenetic("list", "--json").json, frenetic("list").out
+def test_each_list_has_the_names_of_its_parts(frenetic: Frenetic) -> None:
+    document, all_lists = frenetic("list", "--json").json, frenetic("list").out
     for command, names in LISTED.items():
         text = frenetic("list", command).out
-        assert all(name in text and name in every for name in names)
-        assert frenetic("list", command, "--json").json == whole[command]
-        assert [entry["name"] for entry in whole[command]][: len(names)] == names
+        assert all(name in text and name in all_lists for name in names)
+        assert frenetic("list", command, "--json").json == document[command]
+        assert [entry["name"] for entry in document[command]][: len(names)] == names
 
 
 def test_help_lists_all_commands(frenetic: Frenetic) -> None:
@@ -329,7 +329,7 @@ def test_help_fits_on_a_screen(frenetic: Frenetic, monkeypatch: pytest.MonkeyPat
         assert max(map(len, lines)) <= 80, command
 
 
-def test_help_of_every_command_needs_nothing_that_takes_time() -> None:
+def test_help_of_every_command_imports_no_slow_package() -> None:
     code = (
         "import sys\n"
         "from frenetic.cli import cli\n"
@@ -343,7 +343,7 @@ def test_help_of_every_command_needs_nothing_that_takes_time() -> None:
 
 
 @pytest.mark.heavy
-def test_linear_algebra_takes_one_thread_unless_the_user_wants_more(tmp_path: Path) -> None:
+def test_linear_algebra_uses_one_thread_unless_the_user_sets_more(tmp_path: Path) -> None:
     (tmp_path / "road.json").write_text('{"curvatures": [0.0, 0.02, 0.0]}')
     code = (
         "from frenetic.cli import main\n"
@@ -354,12 +354,12 @@ def test_linear_algebra_takes_one_thread_unless_the_user_wants_more(tmp_path: Pa
         "import os\n"
         "print(os.environ['OPENBLAS_NUM_THREADS'], {pool['num_threads'] for pool in pools} <= {1})"
     )
-    for wanted, said in (({}, "1 True"), ({"OPENBLAS_NUM_THREADS": "3"}, "3 ")):
-        usual = {name: text for name, text in os.environ.items() if "OPENBLAS" not in name}
+    for wanted, output in (({}, "1 True"), ({"OPENBLAS_NUM_THREADS": "3"}, "3 ")):
+        others = {name: text for name, text in os.environ.items() if "OPENBLAS" not in name}
         done = subprocess.check_output(
-            [sys.executable, "-c", code], cwd=tmp_path, env=usual | wanted, text=True
+            [sys.executable, "-c", code], cwd=tmp_path, env=others | wanted, text=True
         )
-        assert done.splitlines()[-1].startswith(said)
+        assert done.splitlines()[-1].startswith(output)
 
 
 PRESSES_CTRL_C: Final = """
@@ -398,7 +398,7 @@ def test_ctrl_c_while_the_command_line_is_imported_is_one_line(
     assert line.startswith("frenetic: interrupted")
 
 
-def test_the_program_imports_nothing_before_it_can_answer_ctrl_c() -> None:
+def test_the_program_imports_nothing_before_it_handles_ctrl_c() -> None:
     code = (
         "import sys\n"
         "before = set(sys.modules)\n"
@@ -443,7 +443,7 @@ for arguments in json.loads(sys.argv[1]):
 """
 
 
-def test_what_a_driver_prints_is_not_among_the_results(tmp_path: Path) -> None:
+def test_what_a_driver_prints_is_kept_out_of_stdout(tmp_path: Path) -> None:
     (tmp_path / "talks.py").write_text(TALKS)
     (tmp_path / "road.json").write_text(json.dumps({"curvatures": BEND}))
     run = ("run", "--simulations", "2", "--seed", "1")
@@ -461,16 +461,16 @@ def test_what_a_driver_prints_is_not_among_the_results(tmp_path: Path) -> None:
         check=False,
     )
     assert done.returncode == 0, done.stderr
-    for stream, is_right in ((done.stdout, is_a_document), (done.stderr, says_all)):
-        *each, rest = stream.split(f"{'-' * 20}\n")
-        assert [is_right(one) for one in each] == [True] * len(calls), stream
-        assert rest == ""
+    for stream, is_right in ((done.stdout, is_a_document), (done.stderr, has_all_prints)):
+        *outputs, after_last = stream.split(f"{'-' * 20}\n")
+        assert [is_right(output) for output in outputs] == [True] * len(calls), stream
+        assert after_last == ""
 
 
-def test_what_an_objective_prints_is_not_either(frenetic: Frenetic) -> None:
+def test_what_an_objective_prints_is_kept_out_of_stdout(frenetic: Frenetic) -> None:
     Path("talks.py").write_text(TALKS)
-    how = ("--simulations", "2", "--seed", "1", "--workers", "1", "--json")
-    done = frenetic("run", *how, "--objective", "talks.py:objective", "--out", "three")
+    options = ("--simulations", "2", "--seed", "1", "--workers", "1", "--json")
+    done = frenetic("run", *options, "--objective", "talks.py:objective", "--out", "three")
     assert done.json["simulations"] == 2
     assert "judged" in done.err
 
@@ -479,5 +479,5 @@ def is_a_document(text: str) -> bool:
     return isinstance(json.loads(text), dict)
 
 
-def says_all(text: str) -> bool:
+def has_all_prints(text: str) -> bool:
     return all(words in text for words in ("imported", "made", "reset", "asked"))

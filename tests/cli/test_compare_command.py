@@ -17,22 +17,24 @@ pytest_plugins = ["command_line"]
 
 
 @pytest.fixture(scope="session")
-def kept(tmp_path_factory: pytest.TempPathFactory, prepare: Callable[..., None]) -> Path:
+def prepared_campaigns(
+    tmp_path_factory: pytest.TempPathFactory, prepare: Callable[..., None]
+) -> Path:
     """Folders f-1, f-2, r-1, r-2 with campaigns of two strategies."""
-    parent = tmp_path_factory.mktemp("kept")
+    parent = tmp_path_factory.mktemp("campaigns")
     for strategy in ("frenetic", "random"):
         for seed in ("1", "2"):
-            how = ("--simulations", "20", "--strategy", strategy, "--seed", seed)
+            search = ("--simulations", "20", "--strategy", strategy, "--seed", seed)
             folder = str(parent / f"{strategy[0]}-{seed}")
-            prepare("run", *how, "--out", folder, "--workers", "1")
+            prepare("run", *search, "--out", folder, "--workers", "1")
     return parent
 
 
 @pytest.fixture
-def runs(kept: Path, tmp_path: Path) -> None:
-    """The same in the folder runs of the command line."""
+def runs(prepared_campaigns: Path, tmp_path: Path) -> None:
+    """Copies of these campaigns in the folder runs of the command line."""
     ignored = shutil.ignore_patterns("failures")
-    shutil.copytree(kept, tmp_path / "runs", ignore=ignored)
+    shutil.copytree(prepared_campaigns, tmp_path / "runs", ignore=ignored)
 
 
 def groups_of(document: dict[str, object]) -> dict[str, list[str]]:
@@ -61,7 +63,7 @@ FRENETIC, RANDOM = ["f-1", "f-2"], ["r-1", "r-2"]
         (["a=runs/?-1", "runs/f-2"], {"a": ["f-1", "r-1"], "all": ["f-2"]}),
     ],
 )
-def test_groups_are_what_was_named_or_what_belongs_together(
+def test_groups_are_as_named_or_hold_campaigns_that_differ_in_the_seed_alone(
     frenetic: Frenetic, places: list[str], groups: dict[str, list[str]]
 ) -> None:
     answer = frenetic("compare", *places, "--json")
@@ -70,7 +72,7 @@ def test_groups_are_what_was_named_or_what_belongs_together(
 
 
 @pytest.mark.usefixtures("runs")
-def test_the_table_says_medians_and_files_hold_them(frenetic: Frenetic) -> None:
+def test_compare_prints_medians_and_writes_a_picture_and_a_page(frenetic: Frenetic) -> None:
     files = ("--out", "a.png", "--out", "a.html")
     answer = frenetic("compare", "runs", *files)
     assert answer.code == 0
@@ -89,7 +91,7 @@ def test_the_table_says_medians_and_files_hold_them(frenetic: Frenetic) -> None:
 
 
 @pytest.mark.usefixtures("runs")
-def test_json_holds_everything_and_no_infinity(frenetic: Frenetic) -> None:
+def test_json_holds_all_measures_and_null_for_what_never_happened(frenetic: Frenetic) -> None:
     calm = ("--simulations", "3", "--driver", "aggression=0.3", "--seed", "1", "--out", "calm")
     frenetic("run", *calm)
     answer = frenetic("compare", "a=runs/f-*", "calm=calm", "c=runs/r-*", "--json")

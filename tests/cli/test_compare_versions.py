@@ -18,12 +18,12 @@ if TYPE_CHECKING:
 pytest_plugins = ["command_line"]
 
 OLD, NEW, WORSE = (f"planner,aggression={aggression}" for aggression in (1.25, 0.8, 2))
-"""So different that few roads tell which is better."""
+"""So different that few roads show which is better."""
 FEW = ("--fresh", "20")
 
 
 @pytest.fixture(scope="module")
-def made(tmp_path_factory: pytest.TempPathFactory, prepare: Callable[..., None]) -> Path:
+def old_campaign(tmp_path_factory: pytest.TempPathFactory, prepare: Callable[..., None]) -> Path:
     folder = tmp_path_factory.mktemp("versions") / "night"
     search = ("run", "--driver", OLD, "--simulations", "12", "--seed", "3", "--workers", "1")
     prepare(*search, "--out", str(folder))
@@ -31,12 +31,12 @@ def made(tmp_path_factory: pytest.TempPathFactory, prepare: Callable[..., None])
 
 
 @pytest.fixture(autouse=True)
-def _night(frenetic: Frenetic, made: Path) -> None:
+def _night(frenetic: Frenetic, old_campaign: Path) -> None:
     """A copy of the old version's campaign in the folder of the command line."""
-    shutil.copytree(made, "night")
+    shutil.copytree(old_campaign, "night")
 
 
-def test_the_first_line_says_which_is_better(frenetic: Frenetic) -> None:
+def test_the_first_line_says_which_version_is_better(frenetic: Frenetic) -> None:
     answer = frenetic("compare", "night", "--driver", NEW, *FEW)
     assert answer.code == 0
     first, old, new, *_ = answer.out.splitlines()
@@ -45,33 +45,35 @@ def test_the_first_line_says_which_is_better(frenetic: Frenetic) -> None:
     assert old.startswith(f"old: {OLD} (")
     assert new.startswith(f"new: {NEW} (")
     assert "old's failing roads" in answer.out
-    found = frenetic("compare", "night", "--driver", NEW, *FEW, "--json").json
-    assert (found["verdict"], found["fresh"]["judged"]) == ("new is better", 20)
-    assert all(cause in answer.out for cause in found["causes"])
+    comparison = frenetic("compare", "night", "--driver", NEW, *FEW, "--json").json
+    assert (comparison["verdict"], comparison["fresh"]["judged"]) == ("new is better", 20)
+    assert all(cause in answer.out for cause in comparison["causes"])
     worse = frenetic("compare", "night", "--driver", WORSE, *FEW)
     assert worse.code == 1
     assert worse.out.startswith("new is worse: of 20 fresh roads, it fails on ")
 
 
 @pytest.mark.heavy
-def test_a_driver_edited_in_place_is_compared_with_what_it_was(frenetic: Frenetic) -> None:
+def test_a_driver_edited_in_place_is_compared_with_its_old_version(frenetic: Frenetic) -> None:
     text = "from frenetic import Planner\n\nclass Mine(Planner):\n    usual = {}\n\n"
     text += "    def __init__(self):\n        super().__init__(aggression=self.usual)\n"
     search = ("--driver", "mine.py:Mine", "--simulations", "60", "--seed", "3", "--workers", "1")
 
-    def write(usual: float, more: str = "") -> None:
-        Path("mine.py").write_text(text.format(usual) + more)
-        os.utime("mine.py", (1_700_000_000 + 100 * usual,) * 2)  # bytecode goes by whole seconds
+    def write(aggression: float, comment: str = "") -> None:
+        Path("mine.py").write_text(text.format(aggression) + comment)
+        os.utime(
+            "mine.py", (1_700_000_000 + 100 * aggression,) * 2
+        )  # bytecode goes by whole seconds
 
-    again = ("compare", "v1", "--driver", "mine.py:Mine", *FEW)
+    comparison = ("compare", "v1", "--driver", "mine.py:Mine", *FEW)
 
     def first_line() -> tuple[str, int]:
-        answer = frenetic(*again)
+        answer = frenetic(*comparison)
         return answer.out.partition(":")[0], answer.code
 
     write(1.25)
     assert frenetic("run", *search, "--out", "v1").code == 0
-    assert frenetic(*again).refuses("both versions are the same")
+    assert frenetic(*comparison).refuses("both versions are the same")
     write(1.25, "# a remark\n")
     assert first_line() == ("no difference shown", 3)
     write(0.8)
@@ -89,16 +91,16 @@ def test_the_same_command_goes_on_after_ctrl_c(
         answer = frenetic("compare", "night", "--driver", stopping_driver(stop), *FEW)
         assert (answer.code, answer.out) == (130, "")
         left.append(int(answer.err.partition("Interrupted: ")[2].split()[0]))
-        same = "drives to go; the same command goes on: frenetic compare night --driver"
-        assert f"{same} stopping.py:Stopping --fresh 20\n" in answer.err
+        advice = "drives to go; the same command goes on: frenetic compare night --driver"
+        assert f"{advice} stopping.py:Stopping --fresh 20\n" in answer.err
         assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
     assert left[1] == left[0] - 2
     whole = frenetic("compare", "night", "--driver", stopping_driver(0), *FEW)
     assert "of 20 fresh roads" in whole.out
 
 
-def shown_progress(monkeypatch: pytest.MonkeyPatch) -> list[tuple[int, int]]:
-    """The pairs of drives done and drives in all that a command shows."""
+def recorded_progress(monkeypatch: pytest.MonkeyPatch) -> list[tuple[int, int]]:
+    """Pairs of numbers that a command's progress bar gets: drives done and drives in all."""
     shown: list[tuple[int, int]] = []
 
     @contextmanager
@@ -114,9 +116,9 @@ def test_progress_never_exceeds_its_total(
     stopping_driver: Callable[[int], str],
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """Fresh, after Ctrl-C, with fewer fresh roads than are stored, and where all are stored."""
+    """The comparison is fresh, goes on after Ctrl-C, has stored roads to spare, or is complete."""
     failing = frenetic("show", "night", "--json").json["failed"]
-    shown = shown_progress(monkeypatch)
+    shown = recorded_progress(monkeypatch)
     for fresh, stop in ((20, 3), (20, 2), (20, 0), (8, 0), (8, 0)):
         shown.clear()
         frenetic("compare", "night", "--driver", stopping_driver(stop), "--fresh", str(fresh))
@@ -137,7 +139,7 @@ def test_progress_never_exceeds_its_total(
         ),
     ],
 )
-def test_a_file_that_says_more_than_another_driver_is_refused(
+def test_a_file_that_changes_more_than_the_driver_is_refused(
     frenetic: Frenetic, text: str, problem: str
 ) -> None:
     Path("new.toml").write_text(text)
@@ -148,7 +150,7 @@ def test_a_file_that_says_more_than_another_driver_is_refused(
     assert sorted(Path("night").rglob("*")) == before
 
 
-def test_the_file_of_the_new_version_may_be_that_of_its_campaign(frenetic: Frenetic) -> None:
+def test_the_file_of_the_new_version_may_be_a_campaigns_file(frenetic: Frenetic) -> None:
     text = Path("night/campaign.toml").read_text()
     Path("new.toml").write_text(text.replace(OLD, NEW))
     answers = [

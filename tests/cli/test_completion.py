@@ -14,7 +14,7 @@ from frenetic.cli import cli, main
 from frenetic.parts.registry import DRIVERS, SIMULATORS, STRATEGIES
 
 
-def completed(*words: str) -> list[tuple[str, str]]:
+def completions(*words: str) -> list[tuple[str, str]]:
     """Type and value of what completes the last word."""
     *before, incomplete = words
     shell = ShellComplete(cli, {}, "frenetic", "_FRENETIC_COMPLETE")
@@ -22,7 +22,7 @@ def completed(*words: str) -> list[tuple[str, str]]:
 
 
 def values(*words: str) -> list[str]:
-    return [value for kind, value in completed(*words) if kind == "plain"]
+    return [value for kind, value in completions(*words) if kind == "plain"]
 
 
 def test_commands_and_options_are_completed() -> None:
@@ -33,8 +33,8 @@ def test_commands_and_options_are_completed() -> None:
 
 
 def test_names_of_parts_are_completed() -> None:
-    every = {"--strategy": STRATEGIES, "--driver": DRIVERS, "--simulator": SIMULATORS}
-    for option, registry in every.items():
+    registries = {"--strategy": STRATEGIES, "--driver": DRIVERS, "--simulator": SIMULATORS}
+    for option, registry in registries.items():
         names = [entry.name for entry in registry.entries()]
         assert values("run", option, "") == names
         assert values("run", option, names[0][:2]) == [
@@ -42,7 +42,7 @@ def test_names_of_parts_are_completed() -> None:
         ]
     assert "beamng" in values("doctor", "--simulator", "b")
     assert "random" in values("bench", "--strategy", "ra")
-    assert completed("run", "--driver", "my_driver.p") == [("file", "my_driver.p")]
+    assert completions("run", "--driver", "my_driver.p") == [("file", "my_driver.p")]
 
 
 def test_each_documented_shell_gets_its_script(
@@ -51,7 +51,7 @@ def test_each_documented_shell_gets_its_script(
     page = Path(__file__).parents[2] / "docs" / "command-line.md"
     documented = re.findall(r"_FRENETIC_COMPLETE=(\w+)_source", page.read_text(encoding="utf-8"))
     assert documented == ["bash", "zsh", "fish"]
-    for shell in documented[sys.platform == "win32" :]:  # where it looks for bash's version
+    for shell in documented[sys.platform == "win32" :]:  # click runs bash, which Windows lacks
         monkeypatch.setenv("_FRENETIC_COMPLETE", f"{shell}_source")
         with pytest.raises(SystemExit):
             main([])

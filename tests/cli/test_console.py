@@ -1,4 +1,4 @@
-"""Messages about compiling: only where something is compiled."""
+"""The console announces that kernels are compiled only where they are."""
 
 from __future__ import annotations
 
@@ -20,35 +20,35 @@ def test_compiling_is_announced_only_where_it_happens(
     monkeypatch: pytest.MonkeyPatch, is_compiling: bool
 ) -> None:
     looks = 0
-    looked, said = threading.Event(), threading.Event()
+    looked_often, announced = threading.Event(), threading.Event()
 
     def look() -> bool:
         nonlocal looks
         looks += 1
         if looks == 5:
-            looked.set()
+            looked_often.set()
         return is_compiling
 
     class Log(Console):
-        def print(self, *texts: object, **how: object) -> None:
+        def print(self, *texts: object, **options: object) -> None:
             super().print(*texts)
-            said.set()
+            announced.set()
 
     monkeypatch.setattr(console, "ANNOUNCE_AFTER", 0.002)
     monkeypatch.setattr(console, "LOOK_EVERY", 0.001)
     monkeypatch.setattr(compiled, "is_compiling", look)
     log = Log(file=io.StringIO())
     with announced_compilation(log):
-        assert (said if is_compiling else looked).wait(60.0)
-    assert said.is_set() is is_compiling
+        assert (announced if is_compiling else looked_often).wait(60.0)
+    assert announced.is_set() is is_compiling
 
 
-def test_a_kernel_is_noticed_while_it_is_compiled_and_not_when_it_is_run_again() -> None:
-    seen = []
+def test_is_compiling_is_true_only_while_a_kernel_is_compiled() -> None:
+    states = []
 
     class Noticing(event.Listener):  # type: ignore[misc]
         def on_start(self, _: object) -> None:
-            seen.append(compiled.is_compiling())
+            states.append(compiled.is_compiling())
 
         def on_end(self, _: object) -> None:
             pass
@@ -58,5 +58,5 @@ def test_a_kernel_is_noticed_while_it_is_compiled_and_not_when_it_is_run_again()
     with event.install_listener("numba:compile", Noticing()):
         assert kernel(1) == 2
         assert kernel(2) == 3
-    assert seen == [True]
+    assert states == [True]
     assert not compiled.is_compiling()

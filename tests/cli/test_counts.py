@@ -1,4 +1,4 @@
-"""One count of a campaign's tests, the same wherever it is shown."""
+"""All commands and files give the same counts of a campaign's tests."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from frenetic.search import Origin, SearchEnded
 from frenetic.search.strategy import Ledger, Strategy
 from frenetic.testing import DummySimulator
 
-# Bent to the left it fails, bent to the right it breaks.
+# On roads bent to the left the driver fails, on those bent to the right the simulator breaks.
 STRAIGHT, LEFT, RIGHT = np.zeros(12), np.full(12, 0.01), np.full(12, -0.01)
 LOOP = np.full(14, 0.07)
 ROADS = [STRAIGHT, LEFT, LOOP, STRAIGHT, RIGHT, LEFT, LEFT / 2, LOOP]
@@ -62,8 +62,10 @@ SEARCH = (
     *("run", "--strategy", "parts.py:Mixed", "--simulator", "parts.py:Moody"),
     *("--simulations", "50", "--seed", "1", "--workers", "1"),
 )
-WORDS = "7 tests of 4 different roads: 2 passed, 2 failed (1 repeat), 2 invalid, 1 error, 1 dropped"
-NUMBERS = {
+COUNTS_TEXT = (
+    "7 tests of 4 different roads: 2 passed, 2 failed (1 repeat), 2 invalid, 1 error, 1 dropped"
+)
+COUNTS = {
     "tests": 7,
     "roads": 4,
     "repeats": 3,
@@ -77,50 +79,62 @@ NUMBERS = {
 }
 
 
-def numbers(document: dict[str, Any]) -> dict[str, Any]:
-    return {name: document[name] for name in NUMBERS}
+def counts_of(document: dict[str, Any]) -> dict[str, Any]:
+    return {name: document[name] for name in COUNTS}
 
 
 @pytest.fixture
-def mixed(frenetic: Frenetic) -> str:
+def mixed_campaign(frenetic: Frenetic) -> str:
     """A campaign with every outcome, in which two roads were driven twice."""
     Path("parts.py").write_text(PARTS)
     answer = frenetic(*SEARCH, "--out", "c")
     assert answer.code == 0
-    assert WORDS in answer.out
+    assert COUNTS_TEXT in answer.out
     return "c"
 
 
-def test_every_command_gives_the_same_words_and_numbers(frenetic: Frenetic, mixed: str) -> None:
+def test_every_command_gives_the_same_counts(frenetic: Frenetic, mixed_campaign: str) -> None:
     frenetic(*SEARCH, "--out", "d")
-    for command in (("show", mixed), ("show", mixed, "--follow"), ("check", mixed)):
-        assert WORDS in frenetic(*command).out
-        assert numbers(frenetic(*command, "--json").json) == NUMBERS
+    for command in (
+        ("show", mixed_campaign),
+        ("show", mixed_campaign, "--follow"),
+        ("check", mixed_campaign),
+    ):
+        assert COUNTS_TEXT in frenetic(*command).out
+        assert counts_of(frenetic(*command, "--json").json) == COUNTS
     compare = ("compare", "one=c", "two=d")
-    said = frenetic(*compare).out.splitlines()
-    assert [line for line in said if WORDS in line] == [f"one: {WORDS}", f"two: {WORDS}"]
+    lines = frenetic(*compare).out.splitlines()
+    assert [line for line in lines if COUNTS_TEXT in line] == [
+        f"one: {COUNTS_TEXT}",
+        f"two: {COUNTS_TEXT}",
+    ]
     compared = frenetic(*compare, "--json").json["groups"]
-    assert [numbers(one) for group in compared.values() for one in group] == [NUMBERS, NUMBERS]
-    log = [json.loads(line) for line in Path(mixed, "campaign.log").read_text().splitlines()]
+    documents = [document for group in compared.values() for document in group]
+    assert [counts_of(document) for document in documents] == [COUNTS, COUNTS]
+    log = [
+        json.loads(line) for line in Path(mixed_campaign, "campaign.log").read_text().splitlines()
+    ]
     last = [line for line in log if line["event"] in ("progress", "finished")][-2:]
-    assert [numbers(line) for line in last] == [NUMBERS, NUMBERS]
-    assert all(WORDS in line["message"] for line in last)
-    assert WORDS in frenetic("resume", mixed, "--workers", "1").out
-    assert numbers(frenetic("resume", mixed, "--workers", "1", "--json").json) == NUMBERS
+    assert [counts_of(line) for line in last] == [COUNTS, COUNTS]
+    assert all(COUNTS_TEXT in line["message"] for line in last)
+    assert COUNTS_TEXT in frenetic("resume", mixed_campaign, "--workers", "1").out
+    assert counts_of(frenetic("resume", mixed_campaign, "--workers", "1", "--json").json) == COUNTS
 
 
 @pytest.mark.heavy
-def test_tables_give_the_same(frenetic: Frenetic, mixed: str) -> None:
-    exported = frenetic("export", mixed, "--format", "csv", "--out", "tables", "--json").json
+def test_tables_give_the_same_counts(frenetic: Frenetic, mixed_campaign: str) -> None:
+    exported = frenetic(
+        "export", mixed_campaign, "--format", "csv", "--out", "tables", "--json"
+    ).json
     with Path(exported["folder"], "tests.csv").open(newline="") as file:
         outcomes = Counter(row["outcome"] for row in csv.DictReader(file))
     assert outcomes == {"PASS": 2, "FAIL": 2, "INVALID": 2, "ERROR": 1, "DROPPED": 1}
 
 
-def test_a_bench_gives_the_same(frenetic: Frenetic) -> None:
+def test_a_bench_gives_the_same_counts(frenetic: Frenetic) -> None:
     Path("parts.py").write_text(PARTS)
-    entrant = ("--strategy", "parts.py:Mixed", "--simulator", "parts.py:Moody")
-    bench = ("bench", *entrant, "--simulations", "50", "--repeats", "1", "--workers", "1")
+    parts = ("--strategy", "parts.py:Mixed", "--simulator", "parts.py:Moody")
+    bench = ("bench", *parts, "--simulations", "50", "--repeats", "1", "--workers", "1")
     (group,) = frenetic(*bench, "--out", "b", "--json").json["groups"].values()
-    assert [numbers(run) for run in group] == [NUMBERS]
-    assert WORDS in frenetic("bench", "--resume", "--out", "b").out
+    assert [counts_of(run) for run in group] == [COUNTS]
+    assert COUNTS_TEXT in frenetic("bench", "--resume", "--out", "b").out

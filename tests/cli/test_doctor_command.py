@@ -10,7 +10,7 @@ if TYPE_CHECKING:
 pytest_plugins = ["command_line"]
 
 
-def test_doctor_says_what_is_well_and_exits_1_on_what_is_wrong(frenetic: Frenetic) -> None:
+def test_doctor_reports_each_check_and_exits_1_if_any_fails(frenetic: Frenetic) -> None:
     answer = frenetic("doctor", "--simulator", "embedded")
     assert answer.code == 0
     assert "ok    curve, Stanley: 120 m in" in answer.out
@@ -21,6 +21,8 @@ def test_doctor_says_what_is_well_and_exits_1_on_what_is_wrong(frenetic: Freneti
     assert answer.code == 1
     assert "WRONG curve, Stanley: Car drove out of the lane" in answer.out
     assert answer.out.endswith("embedded: 1 of the checks failed\n")
-    (found,) = frenetic(*arguments, "--json").json
-    assert found["health"] == "something is wrong"
-    assert [one["name"] for one in found["checks"] if not one["is_ok"]] == ["curve, Stanley"]
+    (document,) = frenetic(*arguments, "--json").json
+    assert document["health"] == "something is wrong"
+    assert [check["name"] for check in document["checks"] if not check["is_ok"]] == [
+        "curve, Stanley"
+    ]

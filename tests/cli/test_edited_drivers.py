@@ -1,4 +1,4 @@
-"""Two versions of a user's driver are told apart by every command, and the old one drives on."""
+"""Every command tells two versions of a user's driver apart, and can still drive the old one."""
 
 from __future__ import annotations
 
@@ -35,19 +35,21 @@ class Mpc:
     def reset(self, setup):
         pass
     def act(self, o):
-        from {}gains import HEADING as now  # the neighbour of this version, not of another
+        from {}gains import HEADING as now  # the module of this version, not of the other
         assert now == HEADING
         steering = 3.5 * o.curvature_ahead[3] - 0.1 * o.lateral_offset - HEADING * o.heading_error
         return Controls(steering, 0.3 if o.speed < 17 else 0.0, 0.0)
 """
 RUN = ("run", "--simulations", "12", "--workers", "1", "--seed")
 CAMPAIGNS = {"old": "mpc.py:Mpc", "module": "laws.mpc:Mpc", "new": "mpc.py:Mpc"}
-"""Campaign -> its driver; the last one was run after an edit."""
+"""Campaign -> its driver; the driver was edited before the campaign new."""
 
 
 @pytest.fixture(scope="session")
-def made(tmp_path_factory: pytest.TempPathFactory, prepare: Callable[..., None]) -> Path:
-    """Campaigns of two versions of a driver, in a file and in a package; the second is there."""
+def edited_campaigns(
+    tmp_path_factory: pytest.TempPathFactory, prepare: Callable[..., None]
+) -> Path:
+    """Campaigns of two versions of a driver, in a file and in a package, now the second."""
     folder = tmp_path_factory.mktemp("versions")
     (folder / "laws").mkdir()
     (folder / "laws" / "__init__.py").touch()
@@ -62,9 +64,9 @@ def made(tmp_path_factory: pytest.TempPathFactory, prepare: Callable[..., None])
 
 
 @pytest.fixture(autouse=True)
-def versions(made: Path, tmp_path: Path, frenetic: Frenetic) -> None:
-    """A copy of these in the folder of the command line, as if they had been run there."""
-    shutil.copytree(made, tmp_path, dirs_exist_ok=True)
+def versions(edited_campaigns: Path, tmp_path: Path, frenetic: Frenetic) -> None:
+    """Copies of these campaigns in the folder of the command line, signed as if run there."""
+    shutil.copytree(edited_campaigns, tmp_path, dirs_exist_ok=True)
     for name in CAMPAIGNS:
         with CampaignStore.open(name, readonly=False) as store:
             signed = signed_spec(store).signed_in(tmp_path, store.fact("sources")).signed
@@ -85,7 +87,7 @@ def version(folder: str) -> str:
         return short_version(store.config["driver"])
 
 
-def test_show_report_and_export_say_which(frenetic: Frenetic) -> None:
+def test_show_and_report_say_which_version_drove(frenetic: Frenetic) -> None:
     assert version("old") != version("new")
     for folder in ("old", "new"):
         assert f"mpc.py:Mpc [{version(folder)}]" in frenetic("show", folder).out
@@ -106,21 +108,21 @@ def test_a_campaign_keeps_its_sources() -> None:
         assert {"HEADING = 0.8  # rad/rad\n"} <= set(sources.values())
 
 
-def test_compare_never_takes_them_for_repeats(frenetic: Frenetic) -> None:
-    names = [f"Mpc [{version(one)}]" for one in ("new", "old")]
+def test_compare_never_takes_two_versions_for_repeats(frenetic: Frenetic) -> None:
+    names = [f"Mpc [{version(folder)}]" for folder in ("new", "old")]
     assert sorted(frenetic("compare", "old", "new", "--json").json["groups"]) == sorted(names)
     assert frenetic("compare", "old", "--json").code == 2
 
 
 @pytest.mark.parametrize(("folder", "heading"), [("old", "0.9"), ("module", "1.1")])
-def test_resume_refuses_an_edited_driver_and_names_what_to_do(
+def test_resume_refuses_an_edited_driver_and_advises_a_command(
     frenetic: Frenetic, folder: str, heading: str
 ) -> None:
-    """Whether the user has run the edited one meanwhile, as the first, or not."""
-    more = ("resume", folder, "--simulations", "2")
+    """Another campaign has the edited version of the file; of the package, none has."""
+    resume = ("resume", folder, "--simulations", "2")
     write_gains(heading)
     gains = "gains.py" if folder == "old" else "laws/gains.py"
-    refused = frenetic(*more)
+    refused = frenetic(*resume)
     assert refused.refuses(f"{gains} was edited")
     (command,) = re.findall(
         "a new campaign from this one, with another seed so that its random roads are new:"
@@ -132,9 +134,9 @@ def test_resume_refuses_an_edited_driver_and_names_what_to_do(
     assert words == [*start, "--driver", CAMPAIGNS[folder], "--seed", "4"]
     assert frenetic(*words[1:], "--out", "next").code == 0
     write_gains("0.8  ")
-    assert frenetic(*more).refuses(f"{gains} was edited")
+    assert frenetic(*resume).refuses(f"{gains} was edited")
     write_gains("0.8")
-    assert frenetic(*more).code == 0
+    assert frenetic(*resume).code == 0
 
 
 @pytest.mark.parametrize("folder", ["old", "module"])
@@ -144,26 +146,26 @@ def test_the_old_version_of_an_edited_driver_drives_as_it_did(folder: str) -> No
         tests = [test for test in store.tests() if test.outcome.is_driven]
     assert len(tests) == 12
 
-    def same(make: Callable[[], RoadTester]) -> list[bool]:
+    def equal_results(make: Callable[[], RoadTester]) -> list[bool]:
         with own_modules():
             tester = make()
             with tester.simulator:
                 return [tester.test(test.candidate).result == test.result for test in tests]
 
-    def recorded() -> RoadTester:
+    def old_tester() -> RoadTester:
         old.start()
         return old.tester()
 
-    assert not all(same(lambda: RoadTester.of(spec)))
+    assert not all(equal_results(lambda: RoadTester.of(spec)))
     with as_recorded(folder, spec) as old:
-        assert all(same(recorded))
+        assert all(equal_results(old_tester))
     shutil.rmtree("laws")
     Path("mpc.py").unlink()
     with as_recorded(folder, spec) as old:
-        assert all(same(recorded))
+        assert all(equal_results(old_tester))
 
 
-def test_the_process_of_the_old_version_does_not_look_beside_the_new_one(tmp_path: Path) -> None:
+def test_the_old_version_does_not_import_from_the_folder_of_the_new(tmp_path: Path) -> None:
     with CampaignStore.open("old") as store:
         spec = signed_spec(store)
     with own_modules():
@@ -179,14 +181,14 @@ def test_the_process_of_the_old_version_does_not_look_beside_the_new_one(tmp_pat
 def test_a_built_in_driver_beside_a_users_strategy_has_no_old_version(
     frenetic: Frenetic,
 ) -> None:
-    """Its sources are those of the strategy."""
+    """The sources in such a campaign belong to the strategy."""
     Path("plan.py").write_text("from frenetic import RandomSearch as Plan\n", encoding="utf-8")
     assert frenetic(*RUN, "3", "--strategy", "plan.py:Plan", "--out", "plan").code == 0
     compare = ("compare", "plan", "--driver", "stanley", "--fresh", "2")
     assert frenetic(*compare).code in (0, 1, 3)
 
 
-def test_an_edited_driver_is_compared_with_its_old_self(frenetic: Frenetic) -> None:
+def test_an_edited_driver_is_compared_with_its_recorded_version(frenetic: Frenetic) -> None:
     command = ("compare", "module", "--driver", CAMPAIGNS["module"], "--fresh", "3", "--json")
     compared = frenetic(*command).json
     assert compared["old"]["version"] == version("module")
@@ -196,17 +198,17 @@ def test_an_edited_driver_is_compared_with_its_old_self(frenetic: Frenetic) -> N
     assert same.refuses("both versions are the same")
 
 
-@pytest.mark.parametrize("again", [("rerun",), ("minimise", "--max-drives", "5")])
-def test_driving_again_says_that_it_is_another(
-    frenetic: Frenetic, again: tuple[str, ...], caplog: pytest.LogCaptureFixture
+@pytest.mark.parametrize("words", [("rerun",), ("minimise", "--max-drives", "5")])
+def test_rerun_and_minimise_warn_of_another_version(
+    frenetic: Frenetic, words: tuple[str, ...], caplog: pytest.LogCaptureFixture
 ) -> None:
-    command, *options = again
+    command, *options = words
     assert frenetic(command, "new", *options).code in (0, 1)
     assert "another version" not in caplog.text
     assert frenetic(command, "old", *options).code in (0, 1)
     text = "driver Mpc is another version than the campaign's: it is {}, it was {}"
-    said = [record.getMessage() for record in caplog.records]
-    assert said.count(text.format(version("new"), version("old"))) == 1
+    messages = [record.getMessage() for record in caplog.records]
+    assert messages.count(text.format(version("new"), version("old"))) == 1
 
 
 def test_a_bench_goes_on_with_the_same_version_only(frenetic: Frenetic) -> None:

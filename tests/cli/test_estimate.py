@@ -1,4 +1,4 @@
-"""Estimates of how often a driver fails, against exact values and brute force."""
+"""Estimates of how often a driver fails, checked against drivers that fail with a known chance."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ TERMS = Terms.of_class(DOMAIN.road_class, domain=DOMAIN)
 
 @dataclass(frozen=True)
 class Known(RoadTester):
-    """Fails with a chance that is known: where friction and gust are both far from usual."""
+    """Fails with a known chance: where friction and gust are both far from usual."""
 
     share: float = 0.1
 
@@ -86,7 +86,7 @@ def estimate_of(
     seed: int,
     order: Callable[[list[Candidate]], object] = lambda _: None,
 ) -> FailureRate:
-    """The estimate of drives that no campaign keeps, told in the order into which they are put."""
+    """Estimate without a campaign; `order` changes the order in which candidates are driven."""
     draws, outstanding, metres = Draws(tester, drives, seed), list[Candidate](), 0.0
     while not draws.is_complete:
         while (candidate := draws.ask()) is not None:
@@ -103,33 +103,38 @@ def estimate_of(
     return draws.estimate(metres / 1000.0)
 
 
-def per_1000_km(found: FailureRate, share: float) -> float:
-    return share / found.length * 1000.0
+def per_1000_km(rate: FailureRate, share: float) -> float:
+    """Failures per 1,000 km if this share of all drives fails."""
+    return share / rate.length * 1000.0
 
 
-def test_common_failures_are_counted() -> None:
-    found = estimate_of(known(0.2), drives=400, seed=1)
-    assert found.method == "plain"
-    assert found.rate is not None
-    assert found.drives == found.plain == 400
-    assert found.low < per_1000_km(found, 0.2) < found.high
-    assert "failures per 1,000 km" in found.as_text()
+def test_common_failures_need_plain_drives_only() -> None:
+    failure_rate = estimate_of(known(0.2), drives=400, seed=1)
+    assert failure_rate.method == "plain"
+    assert failure_rate.rate is not None
+    assert failure_rate.drives == failure_rate.plain == 400
+    assert failure_rate.low < per_1000_km(failure_rate, 0.2) < failure_rate.high
+    assert "failures per 1,000 km" in failure_rate.as_text()
 
 
 @pytest.mark.parametrize("share", [1e-3, pytest.param(1e-5, marks=pytest.mark.heavy)])
-def test_rare_failures_are_drawn_more_often_and_weighed(share: float) -> None:
-    drives, held = 3000, 0
+def test_rare_failures_need_importance_sampling(share: float) -> None:
+    drives, intervals_with_true_rate = 3000, 0
     for seed in range(6):
-        found = estimate_of(known(share), drives=drives, seed=seed)
-        assert found.method == "importance sampling"
-        assert found.drives == drives
-        held += found.low <= per_1000_km(found, share) <= found.high
+        failure_rate = estimate_of(known(share), drives=drives, seed=seed)
+        assert failure_rate.method == "importance sampling"
+        assert failure_rate.drives == drives
+        intervals_with_true_rate += (
+            failure_rate.low <= per_1000_km(failure_rate, share) <= failure_rate.high
+        )
         low, high = rate_interval(round(10 * drives * share), 1.0)
         if share > 1e-4:
-            assert found.high / found.low < high / low, "ten times as many plain drives"
+            assert failure_rate.high / failure_rate.low < high / low, (
+                "ten times as many plain drives"
+            )
         else:
-            assert found.high / found.low < 2.0, "plain drives had no failure"
-    assert held >= 5
+            assert failure_rate.high / failure_rate.low < 2.0, "plain drives had no failure"
+    assert intervals_with_true_rate >= 5
 
 
 @dataclass(frozen=True)
@@ -149,35 +154,39 @@ def turn(curvatures: FloatArray) -> float:
 
 
 @pytest.mark.heavy
-def test_where_the_road_decides_the_rest_are_plain_drives() -> None:
+def test_where_only_the_road_decides_most_drives_are_plain() -> None:
     rng = np.random.default_rng(5)
     roads = RandomRoads(road_class=DOMAIN.road_class)
     angle = float(np.quantile([turn(roads.draw_once(rng)) for _ in range(50_000)], 1.0 - 3e-3))
     tester = replace(Winding(**vars(known(0.5))), angle=angle)
-    held, plain = 0, []
+    intervals_with_true_rate, plain = 0, []
     for seed in range(6):
-        found = estimate_of(tester, drives=6000, seed=seed)
-        held += found.low <= per_1000_km(found, 3e-3) <= found.high
-        assert found.drives == 6000
-        plain.append(found.plain / found.drives)
-    assert held >= 5
+        failure_rate = estimate_of(tester, drives=6000, seed=seed)
+        intervals_with_true_rate += (
+            failure_rate.low <= per_1000_km(failure_rate, 3e-3) <= failure_rate.high
+        )
+        assert failure_rate.drives == 6000
+        plain.append(failure_rate.plain / failure_rate.drives)
+    assert intervals_with_true_rate >= 5
     assert max(plain) > 0.5
 
 
-def test_it_says_what_it_cannot_know() -> None:
-    found = estimate_of(known(0.0), drives=300, seed=1)
-    assert found.rate is None
-    assert found.low == 0.0
-    assert "raise --drives" in found.note
-    assert found.as_text().startswith("fewer than ")
-    assert "two-sided" in found.as_text()
-    assert (found.drives, found.failures, found.other_failures) == (300, 0, 0)
-    assert found.high < 3.689 / found.kilometres * 1000.0, "drives in wider conditions count, too"
+def test_without_failures_the_estimate_is_an_upper_limit() -> None:
+    failure_rate = estimate_of(known(0.0), drives=300, seed=1)
+    assert failure_rate.rate is None
+    assert failure_rate.low == 0.0
+    assert "raise --drives" in failure_rate.note
+    assert failure_rate.as_text().startswith("fewer than ")
+    assert "two-sided" in failure_rate.as_text()
+    assert (failure_rate.drives, failure_rate.failures, failure_rate.other_failures) == (300, 0, 0)
+    assert failure_rate.high < 3.689 / failure_rate.kilometres * 1000.0, (
+        "drives in wider conditions count, too"
+    )
 
 
 @pytest.mark.parametrize("share", [0.0, 2e-3])
-def test_more_drives_tighten_the_limit_wherever_they_are_drawn(share: float) -> None:
-    """Also where the other drives had the only failures, and so few that they carry nothing."""
+def test_more_drives_lower_the_upper_limit_even_in_other_conditions(share: float) -> None:
+    """Also if only the drives in other conditions failed, and too few of them for an estimate."""
     for seed in range(4):
         few, more = (estimate_of(known(share), drives=n, seed=seed) for n in (200, 1000))
         assert more.high < 0.5 * few.high
@@ -185,16 +194,16 @@ def test_more_drives_tighten_the_limit_wherever_they_are_drawn(share: float) -> 
         assert few.high < plain_alone, "the other drives count, too"
 
 
-def test_the_same_seed_gives_the_same_estimate_in_whatever_order_its_results_are_told() -> None:
+def test_the_same_seed_gives_the_same_estimate_for_any_order_of_results() -> None:
     rng = np.random.default_rng(2)
     tester = known(0.01)
-    one, same, other = (estimate_of(tester, 500, seed) for seed in (1, 1, 2))
-    assert one == same
-    assert one != other
-    assert estimate_of(tester, 500, 1, order=rng.shuffle) == one
+    first, same_seed, other_seed = (estimate_of(tester, 500, seed) for seed in (1, 1, 2))
+    assert first == same_seed
+    assert first != other_seed
+    assert estimate_of(tester, 500, 1, order=rng.shuffle) == first
 
 
-def test_a_stage_waits_for_the_results_of_the_one_before() -> None:
+def test_a_stage_waits_for_the_results_of_the_stage_before() -> None:
     draws = Draws(known(0.01), 100, 1)
     stage = [draws.ask() for _ in range(21)]
     assert None not in stage[:20]
@@ -211,13 +220,13 @@ def test_a_drive_in_which_the_simulator_broke_is_proposed_again() -> None:
     assert first is not None
     assert second is not None
     draws.tell(Evaluation(first, Outcome.ERROR, None, 0.0))
-    again = draws.ask()
-    assert again is not None
-    assert (again.id, again.repeat, again.conditions) == (3, 1, first.conditions)
-    assert np.array_equal(again.curvatures, first.curvatures)
+    repeat = draws.ask()
+    assert repeat is not None
+    assert (repeat.id, repeat.repeat, repeat.conditions) == (3, 1, first.conditions)
+    assert np.array_equal(repeat.curvatures, first.curvatures)
 
 
-def test_kilometres_are_those_that_the_car_drove(tmp_path: Path) -> None:
+def test_kilometres_count_only_what_the_car_drove(tmp_path: Path) -> None:
     class Broken:
         def __init__(self, when: float) -> None:
             self.when = when
@@ -231,16 +240,16 @@ def test_kilometres_are_those_that_the_car_drove(tmp_path: Path) -> None:
             return Controls(0.0, throttle=0.5)
 
     soon = RoadTester(EmbeddedSimulator(), Broken(0.5), TERMS)
-    found = estimate(soon, drives=100, seed=1, out=tmp_path / "soon")
-    assert found.failures == found.plain
-    assert 0.0 < found.length < 0.002, "km until half a second"
+    failure_rate = estimate(soon, drives=100, seed=1, out=tmp_path / "soon")
+    assert failure_rate.failures == failure_rate.plain
+    assert 0.0 < failure_rate.length < 0.002, "km until half a second"
     never = RoadTester(EmbeddedSimulator(), Broken(0.0), TERMS)
     with pytest.raises(FreneticError, match="before the car moved"):
         estimate(never, drives=100, seed=1, out=tmp_path / "never")
 
 
-def test_roads_are_those_that_are_driven(tmp_path: Path) -> None:
-    """Also where they are others than the domain's own."""
+def test_an_estimate_uses_the_roads_of_the_terms_not_of_the_domain(tmp_path: Path) -> None:
+    """The roads of this search are longer than the domain's roads."""
     longer = RoadClass.of("urban-50", {"length": 600.0})
     terms = Terms(map_size=longer.map_size, road_class=longer, domain=DOMAIN)
     tester = RoadTester(EmbeddedSimulator(), Planner(), terms)
@@ -250,11 +259,11 @@ def test_roads_are_those_that_are_driven(tmp_path: Path) -> None:
 def test_a_domain_without_conditions_has_plain_drives(tmp_path: Path) -> None:
     flat = Domain.from_entries("flat", {"roads": "urban-50,length=200"})
     tester = replace(embedded(), terms=replace(TERMS, domain=flat))
-    found = estimate(tester, drives=100, out=tmp_path / "c")
-    assert (found.method, found.plain, found.failures) == ("none", 100, 0)
+    failure_rate = estimate(tester, drives=100, out=tmp_path / "c")
+    assert (failure_rate.method, failure_rate.plain, failure_rate.failures) == ("none", 100, 0)
 
 
-def test_a_domain_of_which_no_road_is_valid_is_refused_before_anything_is_made(
+def test_a_domain_without_valid_roads_is_refused_and_leaves_no_folder(
     tmp_path: Path,
 ) -> None:
     tester = replace(embedded(), terms=replace(TERMS, map_size=50.0))
@@ -271,29 +280,31 @@ def embedded(simulator: EmbeddedSimulator | None = None) -> RoadTester:
 
 
 @pytest.fixture(scope="module")
-def whole(tmp_path_factory: pytest.TempPathFactory) -> FailureRate:
+def uninterrupted(tmp_path_factory: pytest.TempPathFactory) -> FailureRate:
     """The estimate of uninterrupted drives, with one worker."""
-    found = estimate(embedded(), drives=100, out=tmp_path_factory.mktemp("whole") / "c")
-    assert found.method == "importance sampling"
-    assert found.other_failures
-    return found
+    failure_rate = estimate(embedded(), drives=100, out=tmp_path_factory.mktemp("whole") / "c")
+    assert failure_rate.method == "importance sampling"
+    assert failure_rate.other_failures
+    return failure_rate
 
 
-def test_it_does_not_depend_on_the_workers(whole: FailureRate, tmp_path: Path) -> None:
+def test_the_estimate_does_not_depend_on_the_number_of_workers(
+    uninterrupted: FailureRate, tmp_path: Path
+) -> None:
     counts: list[int] = []
     count = on_result(lambda now: counts.append(now.simulations))
     out = tmp_path / "c"
-    assert estimate(embedded(), drives=100, workers=3, out=out, on_event=count) == whole
+    assert estimate(embedded(), drives=100, workers=3, out=out, on_event=count) == uninterrupted
     assert counts == list(range(1, 101))
     with CampaignStore.open(out) as store:
-        assert store.counts().failed == whole.failures + whole.other_failures
+        assert store.counts().failed == uninterrupted.failures + uninterrupted.other_failures
         assert store.setting.domain == DOMAIN
-    assert FailureRate.read(out) == whole
+    assert FailureRate.read(out) == uninterrupted
 
 
 @pytest.mark.parametrize("workers", [(1, 1), (1, 3), (3, 1)])
 def test_after_ctrl_c_the_same_call_goes_on(
-    whole: FailureRate, tmp_path: Path, workers: tuple[int, int]
+    uninterrupted: FailureRate, tmp_path: Path, workers: tuple[int, int]
 ) -> None:
     def interrupt(event: Event) -> None:
         if event.kind == "result" and event.summary.simulations == 30:
@@ -306,17 +317,18 @@ def test_after_ctrl_c_the_same_call_goes_on(
     assert FailureRate.read(out) is None
     events: list[Event] = []
     assert (
-        estimate(embedded(), drives=100, workers=second, out=out, on_event=events.append) == whole
+        estimate(embedded(), drives=100, workers=second, out=out, on_event=events.append)
+        == uninterrupted
     )
     results = [event for event in events if event.kind == "result"]
     assert len(results) == 70 if first == 1 else len(results) < 70
 
 
-def test_a_complete_one_is_read_and_not_driven(
-    whole: FailureRate, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+def test_a_complete_estimate_is_read_instead_of_driven_again(
+    uninterrupted: FailureRate, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def drive(*_: object) -> Drive:
-        raise AssertionError("it drives")
+        raise AssertionError("nothing may be driven")
 
     out = tmp_path / "c"
     estimate(embedded(), drives=100, out=out)
@@ -325,9 +337,9 @@ def test_a_complete_one_is_read_and_not_driven(
         if text is not None:
             (out / "estimate.json").write_text(text)
         events: list[Event] = []
-        assert estimate(embedded(), drives=100, out=out, on_event=events.append) == whole
+        assert estimate(embedded(), drives=100, out=out, on_event=events.append) == uninterrupted
         assert [event.kind for event in events] == ["complete"]
-    assert FailureRate.read(out) == whole
+    assert FailureRate.read(out) == uninterrupted
     with pytest.raises(CampaignError, match="holds another campaign"):
         estimate(embedded(), drives=101, out=out)
 
@@ -345,8 +357,8 @@ class Breaking(EmbeddedSimulator):
         return super().drive(road, driver)
 
 
-def test_a_simulator_that_breaks_ends_it_and_the_same_call_goes_on(
-    whole: FailureRate, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+def test_after_a_simulator_broke_the_same_call_goes_on(
+    uninterrupted: FailureRate, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(Breaking, "drives", 0)
     out = tmp_path / "c"
@@ -357,19 +369,19 @@ def test_a_simulator_that_breaks_ends_it_and_the_same_call_goes_on(
             counts = store.counts()
             assert (counts.passed + counts.failed, counts.errors) == (24, attempt + 1)
     monkeypatch.setattr(Breaking, "is_broken", False)
-    assert estimate(embedded(Breaking()), drives=100, out=out) == whole
+    assert estimate(embedded(Breaking()), drives=100, out=out) == uninterrupted
 
 
-def test_on_the_command_line(frenetic: Frenetic, tmp_path: Path) -> None:
+def test_estimate_on_the_command_line(frenetic: Frenetic, tmp_path: Path) -> None:
     path = tmp_path / "icy.toml"
     path.write_text(
         'roads = "urban-50,length=200"\n[conditions]\nfriction = { low = 0.1, high = 0.6 }\n',
         encoding="utf-8",
     )
     words = ("estimate", "--odd", str(path), "--drives", "100")
-    told = frenetic(*words)
-    assert told.code == 0, told.err
-    assert "failures per 1,000 km" in told.out
+    estimated = frenetic(*words)
+    assert estimated.code == 0, estimated.err
+    assert "failures per 1,000 km" in estimated.out
     assert frenetic(*words, "--json").json["domain"] == "icy"
     assert frenetic("run", "--odd", str(path), "--simulations", "20", "--out", "c").code == 0
     assert frenetic("estimate", "c", "--drives", "100").code == 0
@@ -399,12 +411,12 @@ kill = lambda *_: os.kill(os.getpid(), signal.SIGKILL)
 with patch("frenetic.rerun.importance_sampling.WeightedDrives.add", kill):
     main(["estimate", "--odd", "town.toml", "--drives", "100", "--out", "c"])
 """
-"""It is killed at the end of its first stage."""
+"""A program that is killed at the end of the first stage."""
 
 
 @pytest.mark.heavy
 @pytest.mark.skipif(sys.platform == "win32", reason="a process kills itself by a POSIX signal")
-def test_killed_in_the_middle_the_same_command_goes_on(
+def test_after_a_kill_the_same_command_goes_on(
     frenetic: Frenetic, interpreter: Interpreter, tmp_path: Path
 ) -> None:
     (tmp_path / "town.toml").write_text(TOWN, encoding="utf-8")
@@ -412,16 +424,16 @@ def test_killed_in_the_middle_the_same_command_goes_on(
     with CampaignStore.open("c") as store:
         assert 0 < store.counts().simulations <= 20
     words = ("estimate", "--odd", "town.toml", "--drives", "100", "--out")
-    found = frenetic(*words, "c", "--workers", "2", "--json")
-    assert found.code == 0, found.err
-    assert found.json == frenetic(*words, "whole", "--json").json
-    again = frenetic(*words, "c")
-    assert again.out.splitlines()[-1] == "Kept in c; to see it: frenetic report c"
+    resumed = frenetic(*words, "c", "--workers", "2", "--json")
+    assert resumed.code == 0, resumed.err
+    assert resumed.json == frenetic(*words, "whole", "--json").json
+    repeated = frenetic(*words, "c")
+    assert repeated.out.splitlines()[-1] == "Kept in c; to see it: frenetic report c"
     assert "how often" in frenetic("show", "c").out
     assert frenetic("resume", "c").refuses("c does not search", "'estimate', goes on with it")
 
 
-def test_after_ctrl_c_a_line_says_where_the_drives_are_and_which_command_goes_on(
+def test_ctrl_c_prints_the_command_that_goes_on_with_the_drives(
     frenetic: Frenetic, stopping_driver: Callable[[int], str], tmp_path: Path
 ) -> None:
     (tmp_path / "town.toml").write_text(TOWN, encoding="utf-8")
@@ -431,7 +443,7 @@ def test_after_ctrl_c_a_line_says_where_the_drives_are_and_which_command_goes_on
     assert stopped.code == 130
     left, command = stopped.err.splitlines()[-1].split("; go on: ")
     assert left.startswith("Interrupted: ")
-    assert 0 < int(left.split()[1]) <= 70, "what was under way is driven to its end"
+    assert 0 < int(left.split()[1]) <= 70, "drives in progress are finished"
     assert command == f"frenetic {' '.join(words)} --out {folder}"
     stopping_driver(0)
     done = frenetic(*words, "--out", str(folder))
@@ -440,15 +452,15 @@ def test_after_ctrl_c_a_line_says_where_the_drives_are_and_which_command_goes_on
     assert list(Path("campaigns").iterdir()) == [folder]
 
 
-def test_that_of_a_campaign_lies_in_it(frenetic: Frenetic, tmp_path: Path) -> None:
+def test_the_estimate_of_a_campaign_lies_in_its_folder(frenetic: Frenetic, tmp_path: Path) -> None:
     (tmp_path / "town.toml").write_text(TOWN, encoding="utf-8")
     search = ("--odd", "town.toml", "--simulations", "5", "--seed", "1", "--workers", "1")
     assert frenetic("run", *search, "--out", "c").code == 0
-    shortened = set(Path("c").glob("rerun/*"))
+    earlier_reruns = set(Path("c").glob("rerun/*"))
     words = ("estimate", "c", "--drives", "100")
-    told = frenetic(*words)
-    (folder,) = set(Path("c/rerun").iterdir()) - shortened
-    assert told.out.splitlines()[-1] == f"Kept in {folder}; to see it: frenetic report c"
+    estimated = frenetic(*words)
+    (folder,) = set(Path("c/rerun").iterdir()) - earlier_reruns
+    assert estimated.out.splitlines()[-1] == f"Kept in {folder}; to see it: frenetic report c"
     assert FailureRate.read(Path("c")) == FailureRate.read(folder) is not None
-    assert frenetic(*words, "--workers", "2").out == told.out
-    assert set(Path("c/rerun").iterdir()) == {folder, *shortened}
+    assert frenetic(*words, "--workers", "2").out == estimated.out
+    assert set(Path("c/rerun").iterdir()) == {folder, *earlier_reruns}

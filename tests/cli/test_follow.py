@@ -1,4 +1,4 @@
-"""``frenetic show --follow``: what it shows, where, and with which exit code."""
+"""``frenetic show --follow``: its lines, its terminal and its exit codes."""
 
 from __future__ import annotations
 
@@ -34,8 +34,8 @@ def call(capsys: pytest.CaptureFixture[str], *arguments: str) -> tuple[int | str
 
 
 @contextmanager
-def following(folder: Path, **streams: Any) -> Iterator[subprocess.Popen[str]]:
-    """The command in a process of its own, which is killed if it takes too long."""
+def following_process(folder: Path, **streams: Any) -> Iterator[subprocess.Popen[str]]:
+    """Run the command in another process, and kill the process after LIMIT."""
     command = [sys.executable, "-m", "frenetic", "show", str(folder), "--follow"]
     environment = os.environ | {"PYTHONIOENCODING": "utf-8", "TERM": "xterm-256color"}
     environment |= {"COLUMNS": "80", "LINES": "30"}
@@ -64,7 +64,9 @@ def read_until(stream: IO[str] | None, words: str) -> str:
     raise AssertionError(f"{words!r} did not come, but {lines}")
 
 
-def test_a_finished_campaign(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_finished_campaign_is_shown_once(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     summary = campaign(tmp_path).run()
     code, out, err = call(capsys, str(tmp_path))
     assert (code, err) == (0, "")
@@ -80,11 +82,11 @@ def test_a_finished_campaign(tmp_path: Path, capsys: pytest.CaptureFixture[str])
     assert (shown["folder"], shown["status"], shown["tests"]) == (str(tmp_path), "finished", 20)
 
 
-def test_an_interrupted_campaign_is_no_success(
+def test_an_interrupted_campaign_exits_1_and_says_how_to_go_on(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    one = campaign(tmp_path)
-    one.run(on_event=on_test(lambda test: one.stop()))
+    interrupted = campaign(tmp_path)
+    interrupted.run(on_event=on_test(lambda test: interrupted.stop()))
     code, out, err = call(capsys, str(tmp_path))
     assert (code, err) == (1, "")
     advice = "from Python, where it was started: Campaign.resume()"
@@ -93,8 +95,8 @@ def test_an_interrupted_campaign_is_no_success(
     assert (code, json.loads(out)["status"]) == (0, "interrupted")
 
 
-def test_it_follows_until_the_campaign_finishes(tmp_path: Path) -> None:
-    with paced(tmp_path) as running, following(tmp_path) as process:
+def test_follow_ends_when_the_campaign_finishes(tmp_path: Path) -> None:
+    with paced(tmp_path) as running, following_process(tmp_path) as process:
         read_until(process.stdout, f"status     running in process {running.id}")
         running.go_on()
         running.finish()
@@ -105,9 +107,9 @@ def test_it_follows_until_the_campaign_finishes(tmp_path: Path) -> None:
 
 @pytest.mark.heavy
 @pytest.mark.skipif(sys.platform == "win32", reason="Ctrl-C is sent by a POSIX signal here")
-def test_ctrl_c_leaves_and_the_campaign_goes_on(tmp_path: Path) -> None:
+def test_ctrl_c_ends_follow_and_the_campaign_goes_on(tmp_path: Path) -> None:
     with paced(tmp_path) as running:
-        with following(tmp_path) as process:
+        with following_process(tmp_path) as process:
             read_until(process.stdout, "status     running")
             process.send_signal(signal.SIGINT)
             _, err = process.communicate()
@@ -137,17 +139,20 @@ def test_news_is_printed_once(
 
 @pytest.mark.heavy
 @pytest.mark.skipif(sys.platform == "win32", reason="needs a POSIX terminal")
-def test_on_a_terminal_there_is_one_line_that_changes(tmp_path: Path) -> None:
+def test_on_a_terminal_lines_are_redrawn_in_place(tmp_path: Path) -> None:
     import pty
 
-    ours, theirs = pty.openpty()
-    with paced(tmp_path) as running, following(tmp_path, stdout=theirs, stderr=theirs) as process:
-        os.close(theirs)
+    reader, terminal = pty.openpty()
+    with (
+        paced(tmp_path) as running,
+        following_process(tmp_path, stdout=terminal, stderr=terminal) as process,
+    ):
+        os.close(terminal)
         shown, has_ended = b"", False
         while True:
             try:
-                data = os.read(ours, 65536)
-            except OSError:  # how Linux says that the other side is closed
+                data = os.read(reader, 65536)
+            except OSError:  # Linux raises it when the other side is closed
                 break
             if not data:
                 break
@@ -156,8 +161,8 @@ def test_on_a_terminal_there_is_one_line_that_changes(tmp_path: Path) -> None:
                 has_ended = True
                 running.finish()
         process.wait(LIMIT)
-    os.close(ours)
+    os.close(reader)
     assert process.returncode == 0
     text = shown.decode("utf-8")
     assert text.index("running") < text.index("\x1b[1A") < text.rindex("finished")
-    assert "\x1b[?25h" in text  # the cursor is there again
+    assert "\x1b[?25h" in text  # the cursor is visible again

@@ -1,4 +1,4 @@
-"""Users' own drivers: where they drive, and what harm one does that misbehaves there."""
+"""Users' own drivers drive in another process, and a hostile driver harms one drive only."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ class Hostile(Planner):
                 return answer
         return super().act(observation)
 """
-"""A driver that tells its roads apart, and one that does its deed on the third of them."""
+"""A driver that records its roads, and a driver that does its deed on the third of them."""
 FAULTS: Final = {
     "write()": "breaks into its process's descriptors",
     "os.closerange(3, 256)": "breaks into its process's descriptors",
@@ -79,7 +79,7 @@ FAULTS: Final = {
 @pytest.mark.skipif(sys.platform != "linux", reason="by Linux's means")
 @pytest.mark.parametrize("workers", ["1", "2"])
 @pytest.mark.parametrize("deed", FAULTS)
-def test_a_drive_that_a_driver_breaks_fails_and_the_others_are_as_usual(
+def test_a_drive_that_a_driver_breaks_fails_and_other_drives_are_as_usual(
     frenetic: Frenetic,
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
@@ -134,8 +134,8 @@ class Wrapped(Delayed):
 def test_one_object_drives_all_roads_in_another_process(frenetic: Frenetic, name: str) -> None:
     Path("where.py").write_text(WHERE, encoding="utf-8")
     run = ("run", "--simulations", "4", "--seed", "1", "--strategy", "random", "--workers", "1")
-    ran = frenetic(*run, "--driver", f"where.py:{name}", "--with", "noise=0.1", "--out", "c")
-    assert ran.code == 0, ran.err
+    answer = frenetic(*run, "--driver", f"where.py:{name}", "--with", "noise=0.1", "--out", "c")
+    assert answer.code == 0, answer.err
     drives = [line.split() for line in Path("drives").read_text().splitlines()]
     assert len(drives) >= 4
     objects = dict(drives)

@@ -1,4 +1,4 @@
-"""Texts of others: what cannot be read is one line, and none of them steers a terminal."""
+"""Hostile texts: an unreadable input is refused in one line, and no text steers a terminal."""
 
 from __future__ import annotations
 
@@ -108,7 +108,7 @@ COLUMNS: Final = (
 
 @pytest.mark.parametrize("nested", NESTED)
 @pytest.mark.parametrize(("table", "column", "row"), COLUMNS)
-def test_deeply_nested_json_in_a_database_is_damage_in_one_line(
+def test_deeply_nested_json_in_a_database_is_reported_as_damage_in_one_line(
     table: str, column: str, row: str, nested: str, campaign: Path, frenetic: Frenetic
 ) -> None:
     shutil.copytree(campaign, "c")
@@ -150,18 +150,18 @@ def texts_within(value: object) -> Iterator[str]:
         yield value
 
 
-def made_evil(value: object) -> object:
-    """JSON with a text that steers a terminal at the end of texts that are free."""
+def with_evil_texts(value: object) -> object:
+    """Return JSON whose free texts end with a text that steers a terminal."""
     if isinstance(value, dict):
         fixed = ("outcome", "objective", "kind", "part")
-        return {k: v if k in fixed else made_evil(v) for k, v in value.items()}
+        return {k: v if k in fixed else with_evil_texts(v) for k, v in value.items()}
     if isinstance(value, list):
-        return [made_evil(inner) for inner in value]
+        return [with_evil_texts(inner) for inner in value]
     return value + EVIL if isinstance(value, str) else value
 
 
 @pytest.fixture
-def evil(campaign: Path, tmp_path: Path) -> Path:
+def evil_campaign(campaign: Path, tmp_path: Path) -> Path:
     """A campaign whose free texts steer a terminal."""
     folder = tmp_path / "c"
     shutil.copytree(campaign, folder)
@@ -173,7 +173,7 @@ def evil(campaign: Path, tmp_path: Path) -> Path:
     with CampaignStore.open(folder) as store:
         config = json.loads(json.dumps(dict(store.config), default=dict))
     for name in ("strategy", "driver", "simulator", "versions"):
-        config[name] = made_evil(config[name])
+        config[name] = with_evil_texts(config[name])
     change(folder, "UPDATE fact SET value = ? WHERE name = 'config'", json.dumps(config))
     for name, value in (("ended", EVIL), ("notice", EVIL), ("search", {EVIL: EVIL})):
         change(folder, "INSERT OR REPLACE INTO fact VALUES (?, ?)", name, json.dumps(value))
@@ -203,9 +203,9 @@ def evil(campaign: Path, tmp_path: Path) -> Path:
     ],
 )
 def test_a_text_of_a_campaign_never_steers_the_terminal(
-    command: str, evil: Path, campaign: Path, frenetic: Frenetic
+    command: str, evil_campaign: Path, campaign: Path, frenetic: Frenetic
 ) -> None:
-    assert evil.name == "c"
+    assert evil_campaign.name == "c"
     shutil.copytree(campaign, "other")
     answer = frenetic(*command.split())
     assert "Traceback" not in answer.err
@@ -214,14 +214,14 @@ def test_a_text_of_a_campaign_never_steers_the_terminal(
         assert r"\x1b[2J\x1b]0;owned\x07\r\x9b31m\u202egnp.exe" in answer.out
 
 
-def test_json_says_a_text_of_a_campaign_exactly(evil: Path, frenetic: Frenetic) -> None:
-    answer = frenetic("show", evil.name, "2", "--json")
+def test_json_holds_a_text_of_a_campaign_unchanged(evil_campaign: Path, frenetic: Frenetic) -> None:
+    answer = frenetic("show", evil_campaign.name, "2", "--json")
     assert CONTROL.findall(answer.out) == []
     assert any(EVIL in text for text in texts_within(answer.json))
     assert not any(r"\x1b" in text for text in texts_within(answer.json))
 
 
-def test_a_file_that_is_quoted_in_a_mistake_never_steers_the_terminal(
+def test_an_error_that_quotes_a_file_never_steers_the_terminal(
     frenetic: Frenetic, tmp_path: Path
 ) -> None:
     (tmp_path / "f.toml").write_text(f'driver = "{json.dumps(EVIL)[1:-1]}"\n', encoding="utf-8")
@@ -230,7 +230,7 @@ def test_a_file_that_is_quoted_in_a_mistake_never_steers_the_terminal(
     assert CONTROL.findall(answer.err) == []
 
 
-def test_styles_stay_where_a_console_shows_control_characters(
+def test_a_console_shows_control_characters_and_keeps_styles(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setenv("FORCE_COLOR", "1")

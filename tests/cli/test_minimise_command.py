@@ -1,4 +1,4 @@
-"""`frenetic minimise` as a user meets it: what it prints and writes, and with which exit code."""
+"""`frenetic minimise`: its output, its files and its exit codes."""
 
 from __future__ import annotations
 
@@ -22,9 +22,9 @@ if TYPE_CHECKING:
 
 pytest_plugins = ["command_line"]
 
-# One that the default driver leaves to the right.
+# The default driver leaves this road to the right.
 FAILING = [0.0, 0.01, 0.0, 0.0, 0.01, 0.012, -0.03, -0.036, -0.05, 0.0, 0.0, 0.0, 0.02, 0.02]
-# One that it no longer leaves with all curvatures 2 % smaller or larger.
+# The default driver leaves this road, but not with all curvatures 2 % smaller or larger.
 EDGE = [
     *(0.043, 0.009, 0.037, 0.035, 0.028, -0.02, -0.054, -0.05, -0.009, -0.028, -0.01, -0.003),
     *(0.007, -0.015, -0.016, -0.02, 0.029, 0.007, -0.005, -0.017, -0.035, 0.002, -0.019, 0.025),
@@ -33,7 +33,7 @@ EDGE = [
 
 
 @pytest.fixture(scope="module")
-def made(tmp_path_factory: pytest.TempPathFactory, prepare: Callable[..., None]) -> Path:
+def noisy_campaign(tmp_path_factory: pytest.TempPathFactory, prepare: Callable[..., None]) -> Path:
     """A campaign whose driver and map are not the default ones."""
     folder = tmp_path_factory.mktemp("made") / "c"
     options = ["--driver", "aggression=1.1", "--with", "noise=0.03", "--map-size", "210"]
@@ -43,9 +43,9 @@ def made(tmp_path_factory: pytest.TempPathFactory, prepare: Callable[..., None])
 
 
 @pytest.fixture
-def campaign(frenetic: Frenetic, made: Path) -> None:
-    """That campaign in the folder c."""
-    shutil.copytree(made, "c")
+def campaign(frenetic: Frenetic, noisy_campaign: Path) -> None:
+    """A copy of that campaign in the folder c."""
+    shutil.copytree(noisy_campaign, "c")
 
 
 def road_file(name: str, curvatures: list[float] = FAILING) -> str:
@@ -54,7 +54,7 @@ def road_file(name: str, curvatures: list[float] = FAILING) -> str:
 
 
 @pytest.mark.usefixtures("campaign")
-def test_a_failure_of_a_campaign(frenetic: Frenetic) -> None:
+def test_a_failure_of_a_campaign_is_minimised_once(frenetic: Frenetic) -> None:
     (item,) = frenetic("minimise", "c", "--json").json
     road = Path("c", "minimised", f"test-{item['test']:05d}.json")
     assert (item["road"], item["ending"], item["match"]) == (str(road), "minimal", "same failure")
@@ -66,37 +66,36 @@ def test_a_failure_of_a_campaign(frenetic: Frenetic) -> None:
     assert stored["driven"]["with"].keys() == {"noise"}
     assert check_validity(stored["road_points"], 210.0).valid
     assert Road(stored["curvatures"], stored["step"]).length == item["length"]
-    again = frenetic("drive", item["road"], "--json").json
-    assert (again["outcome"], again["reason"]) == ("FAIL", stored["description"])
-    assert (again["moobd"], again["findings"]) == (stored["moobd"], [stored["departure"]])
-    one = ("minimise", "c", str(item["test"]))
-    assert frenetic(*one, "--max-drives", "1", "--json").json == [item | {"new_drives": 0}], (
-        "it is there"
-    )
-    assert f", 0 drives now, {item['drives']} before, " in frenetic(*one).out
+    driven = frenetic("drive", item["road"], "--json").json
+    assert (driven["outcome"], driven["reason"]) == ("FAIL", stored["description"])
+    assert (driven["moobd"], driven["findings"]) == (stored["moobd"], [stored["departure"]])
+    command = ("minimise", "c", str(item["test"]))
+    repeated = frenetic(*command, "--max-drives", "1", "--json").json
+    assert repeated == [item | {"new_drives": 0}], "the stored drives suffice"
+    assert f", 0 drives now, {item['drives']} before, " in frenetic(*command).out
     assert len(list(Path("c/rerun").iterdir())) == 1
 
 
 @pytest.mark.usefixtures("campaign")
-def test_several_failures_with_other_parts_than_the_campaigns(frenetic: Frenetic) -> None:
+def test_minimise_with_another_simulator_says_which_failures_are_others(frenetic: Frenetic) -> None:
     icy = ("minimise", "c", "--top", "2", "--simulator", "friction=0.7", "--max-drives", "1")
-    said = frenetic(*icy).out
-    assert said.count(" 1 drive, all drives are spent\n") == 2
+    text = frenetic(*icy).out
+    assert text.count(" 1 drive, all drives are spent\n") == 2
     items = frenetic(*icy, "--json").json
-    others = [one for one in items if one["match"] not in ("same failure", "same place")]
+    others = [item for item in items if item["match"] not in ("same failure", "same place")]
     assert others
-    assert said.count("it is not the failure that the campaign recorded: ") == len(others)
-    assert [Path(one["road"]).name for one in items] == [
-        f"test-{one['test']:05d}-other.json" for one in items
+    assert text.count("it is not the failure that the campaign recorded: ") == len(others)
+    assert [Path(item["road"]).name for item in items] == [
+        f"test-{item['test']:05d}-other.json" for item in items
     ]
     assert frenetic("drive", items[0]["road"], "--json").json["outcome"] == "FAIL"
 
 
-# Of a road file
+# Road files
 
 
 @pytest.mark.usefixtures("drawn")
-def test_a_road_file_is_minimised_beside_it(frenetic: Frenetic) -> None:
+def test_the_minimised_road_is_written_beside_its_road_file(frenetic: Frenetic) -> None:
     answer = frenetic("minimise", road_file("bend.json"))
     assert answer.code == 0
     assert answer.out.startswith("bend.json: 130 m -> ")
@@ -105,7 +104,7 @@ def test_a_road_file_is_minimised_beside_it(frenetic: Frenetic) -> None:
     for name in ("bend.min.json", "bend.min.png", "bend.min-before-after.png"):
         assert Path(name).stat().st_size > 500
     assert frenetic(*repeat.split(), "--json").json["outcome"] == "FAIL"
-    assert json.loads(Path("bend.json").read_text()) == {"curvatures": FAILING}  # as it was
+    assert json.loads(Path("bend.json").read_text()) == {"curvatures": FAILING}
     edge = ("minimise", road_file("edge.json", EDGE), "--max-drives", "5", "--out", "least.json")
     assert "a slight change makes it pass" in frenetic(*edge).out
     assert "a slight change" not in answer.out

@@ -1,4 +1,4 @@
-"""The command line of rerun."""
+"""`frenetic rerun`: its output, its files and its exit codes."""
 
 from __future__ import annotations
 
@@ -34,17 +34,17 @@ def test_a_deterministic_failure_is_reported_20_of_20(frenetic: Frenetic, copied
     answer = frenetic("rerun", copied, "--times", "20", "--top", "3")
     assert answer.code == 0
     rows = [line for line in answer.out.splitlines() if line.count("20 of 20") == 2]
-    (found,) = read_reruns(copied)
-    assert len(rows) == len(found.tests) == 3, "each fails every time, and in the same way"
+    (stored,) = read_reruns(copied)
+    assert len(rows) == len(stored.tests) == 3, "each test fails every time, and in the same way"
     assert "20 drives of each, in the same conditions: " in answer.out
     assert "3 repeatable" in answer.out
-    (kept,) = re.findall(r"Kept in (\S+);", answer.out)
-    assert f"Kept in {kept}; to see it: frenetic report {copied}" in answer.out
-    assert frenetic("check", str(kept)).code == 0
+    (folder,) = re.findall(r"Kept in (\S+);", answer.out)
+    assert f"Kept in {folder}; to see it: frenetic report {copied}" in answer.out
+    assert frenetic("check", str(folder)).code == 0
     assert frenetic("rerun", copied, "--times", "20", "--top", "3") == answer
 
 
-def test_a_summary_comes_first_and_the_tests_that_were_named(
+def test_a_summary_comes_first_then_the_tests_that_are_named(
     frenetic: Frenetic, copied: str
 ) -> None:
     ids = [str(number) for number in failures_of(copied)]
@@ -56,8 +56,8 @@ def test_a_summary_comes_first_and_the_tests_that_were_named(
     with_rows = frenetic("rerun", copied, *ids, "--times", "2").out.splitlines()
     assert with_rows[0] == summary[0]
     assert any("interval" in line for line in with_rows)
-    turned = frenetic("rerun", copied, ids[1], ids[0], "--json").json
-    assert [str(one["test"]) for one in turned["tests"]] == [ids[1], ids[0]]
+    reversed_ids = frenetic("rerun", copied, ids[1], ids[0], "--json").json
+    assert [str(test["test"]) for test in reversed_ids["tests"]] == [ids[1], ids[0]]
 
 
 @pytest.mark.parametrize("stop", [3, 4, 6])
@@ -65,35 +65,38 @@ def test_ctrl_c_exits_130_and_the_same_command_goes_on(
     frenetic: Frenetic, copied: str, stopping_driver: Callable[[int], str], stop: int
 ) -> None:
     ids = [str(number) for number in failures_of(copied)[:3]]
-    how = ("--times", "2", "--junit", "rerun.xml", "--driver", stopping_driver(stop))
-    again = ("rerun", copied, *ids, *how)
+    options = ("--times", "2", "--junit", "rerun.xml", "--driver", stopping_driver(stop))
+    command = ("rerun", copied, *ids, *options)
     before = len(list(Path(copied).glob("rerun/*")))
-    answer = frenetic(*again)
+    answer = frenetic(*command)
     assert answer.code == (130 if stop < 6 else 0)
     assert "Finishing what runs" in answer.err
     left = f"Interrupted: {counted(6 - stop, 'drive')} to go; the same command goes on"
     assert (left in answer.err) is (stop < 6)
-    assert (f"{left}: frenetic {shlex.join(again)}\n" in answer.err) is (stop < 6)
+    assert (f"{left}: frenetic {shlex.join(command)}\n" in answer.err) is (stop < 6)
     assert ("up to 2 drives of each" in answer.out) is (stop < 6)
-    assert Path("rerun.xml").exists() is (stop == 6), "it would look complete"
+    assert Path("rerun.xml").exists() is (stop == 6), (
+        "a file of a part of the drives would look complete"
+    )
     stopping_driver(0)
-    whole = frenetic(*again)
+    whole = frenetic(*command)
     assert (whole.code, Path("rerun.xml").exists()) == (0, True)
-    assert frenetic(*again) == whole
-    assert [len(one["drives"]) for one in frenetic(*again, "--json").json["tests"]] == [2, 2, 2]
+    assert frenetic(*command) == whole
+    tests = frenetic(*command, "--json").json["tests"]
+    assert [len(test["drives"]) for test in tests] == [2, 2, 2]
     assert len(list(Path(copied).glob("rerun/*"))) == before + 1
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="folders have no such permissions there")
-def test_a_campaign_that_cannot_be_written_is_driven_elsewhere(
+def test_reruns_of_a_read_only_campaign_go_to_another_folder(
     frenetic: Frenetic, copied: str, tmp_path: Path
 ) -> None:
-    again = ("rerun", copied, "--simulator", "friction=0.8", "--top", "1")
+    command = ("rerun", copied, "--simulator", "friction=0.8", "--top", "1")
     tmp_path.chmod(0o777)
     Path(copied).chmod(0o555)
     with bound_by_permissions(Path(copied).resolve()):
-        assert frenetic(*again).refuses("Permission denied", "--out")
-        answer = frenetic(*again, "--out", "out")
+        assert frenetic(*command).refuses("Permission denied", "--out")
+        answer = frenetic(*command, "--out", "out")
     Path(copied).chmod(0o755)
     assert answer.code == 0
     assert "Kept in out; the same command shows it\n" in answer.out
@@ -121,7 +124,7 @@ class Moving(Planner):
 
 @pytest.mark.skipif(sys.platform == "win32", reason="Windows moves no folder that is in use")
 @pytest.mark.parametrize("command", ["rerun {} --all", "minimise {} --top 2 --max-drives 8"])
-def test_a_campaign_that_is_moved_while_its_roads_are_driven_is_one_line_that_says_where(
+def test_a_campaign_that_moves_meanwhile_ends_the_command_in_one_line(
     command: str, frenetic: Frenetic, copied: str, tmp_path: Path
 ) -> None:
     (tmp_path / "moving.py").write_text(MOVING.format(deed=f"os.rename({copied!r}, 'moved')"))
@@ -135,7 +138,7 @@ def test_a_campaign_that_is_moved_while_its_roads_are_driven_is_one_line_that_sa
 
 @pytest.mark.skipif(sys.platform == "win32", reason="Windows deletes no file that is in use")
 @pytest.mark.parametrize("command", ["rerun {} --all", "minimise {} --top 2 --max-drives 8"])
-def test_a_campaign_that_is_deleted_while_its_roads_are_driven_stays_so(
+def test_a_campaign_that_is_deleted_meanwhile_is_not_made_again(
     command: str, frenetic: Frenetic, copied: str, tmp_path: Path
 ) -> None:
     (tmp_path / "moving.py").write_text(MOVING.format(deed=f"shutil.rmtree({copied!r})"))
@@ -144,7 +147,7 @@ def test_a_campaign_that_is_deleted_while_its_roads_are_driven_stays_so(
     assert not Path(copied).exists()
 
 
-# Other parts, and what a continuous integration sees of it
+# Other parts, exit codes and the JUnit file
 
 
 DRIVER = """
@@ -162,7 +165,7 @@ class Crashing(Planner):
 """
 
 
-def test_the_exit_code_and_the_junit_file_say_what_became_of_them(
+def test_exit_code_and_junit_file_say_how_many_tests_fail_again(
     frenetic: Frenetic, copied: str
 ) -> None:
     def driven(*driver: str) -> tuple[Answer, list[int], set[str]]:
@@ -170,7 +173,7 @@ def test_the_exit_code_and_the_junit_file_say_what_became_of_them(
         answer = frenetic("rerun", copied, "--junit", "a.xml", "--fail-on-failure", *driver)
         suite = ET.parse("a.xml").getroot()
         numbers = [int(suite.get(key, "-1")) for key in ("tests", "failures", "errors")]
-        return answer, numbers, {one.get("message", "") for one in suite.iter("failure")}
+        return answer, numbers, {failure.get("message", "") for failure in suite.iter("failure")}
 
     Path("mine.py").write_text(DRIVER)
     count = len(failures_of(copied))
@@ -198,7 +201,7 @@ def test_the_exit_code_and_the_junit_file_say_what_became_of_them(
     assert worse["conditions"] == {"delay": 0.05}, "the recorded delay stays"
 
 
-def test_a_file_that_names_a_driver_alone_drives_in_the_usual_simulator(
+def test_a_file_that_names_only_a_driver_drives_in_the_default_simulator(
     frenetic: Frenetic, copied: str
 ) -> None:
     Path("new.toml").write_text('driver = "stanley"\n')

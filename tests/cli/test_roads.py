@@ -1,4 +1,4 @@
-"""Road classes on the command line: from the search to the road's file, and what is refused."""
+"""Road classes on the command line: what run, show, drive, rerun, check and resume do with them."""
 
 from __future__ import annotations
 
@@ -24,20 +24,22 @@ pytest_plugins = ["command_line"]
 
 CLASS = "rural-80,length=800"
 SEARCH = ("run", "--roads", CLASS, "--simulator", "embedded,friction=0.25", "--workers", "1")
-SLIPPERY = (*SEARCH, "--simulations", "12", "--seed", "3")
+SLIPPERY_SEARCH = (*SEARCH, "--simulations", "12", "--seed", "3")
 
 
 @pytest.fixture(scope="module")
-def slippery(tmp_path_factory: pytest.TempPathFactory, prepare: Callable[..., None]) -> Path:
-    """A campaign on icy roads of a class, where most drives fail."""
+def slippery_campaign(
+    tmp_path_factory: pytest.TempPathFactory, prepare: Callable[..., None]
+) -> Path:
+    """A campaign on icy roads of a class, on which most drives fail."""
     folder = tmp_path_factory.mktemp("slippery") / "c"
-    prepare(*SLIPPERY, "--out", str(folder))
+    prepare(*SLIPPERY_SEARCH, "--out", str(folder))
     return folder
 
 
-def test_a_search_keeps_the_class(slippery: Path) -> None:
+def test_all_roads_of_a_search_keep_the_rules_of_their_class(slippery_campaign: Path) -> None:
     road_class = RoadClass.of("rural-80", {"length": 800})
-    with CampaignStore.open(slippery) as store:
+    with CampaignStore.open(slippery_campaign) as store:
         setting = store.setting
         assert (setting.road_class, setting.map_size, setting.lane_width) == (road_class, 900, 3.5)
         assert setting.rules.speed_limit == 80.0
@@ -46,47 +48,54 @@ def test_a_search_keeps_the_class(slippery: Path) -> None:
     for test in tests:
         assert road_class.breach(test.road) == ""
         assert test.road.grade.any()
-    assert Spec.read(slippery / FILE).road_class == road_class
+    assert Spec.read(slippery_campaign / FILE).road_class == road_class
 
 
-def test_metres_inside_the_lane_stand_beside_half_of_the_class_lane(frenetic: Frenetic) -> None:
+def test_metres_inside_the_lane_are_shown_with_half_the_lane_width(frenetic: Frenetic) -> None:
     calm = ("--driver", "aggression=0.3", "--simulations", "4", "--seed", "3", "--workers", "1")
     ran = frenetic("run", "--roads", "urban-50", *calm, "--out", "calm")
     assert re.search(r", at least 1\.\d\d of 1\.62 m inside its lane\n", ran.out)
-    assert "inside (m, at most 1.62)" in ran.out, "of the near misses"
+    assert "inside (m, at most 1.62)" in ran.out, "heading of the near misses"
     stayed = r"m: the car's centre stayed 1\.\d\d of 1\.62 m inside its lane\n"
     for shown in (("show", "calm", "1"), ("drive", "calm", "1")):
         assert re.search(stayed, frenetic(*shown).out), shown
     assert "MOOBD (m, at most 1.62)" in frenetic("show", "calm", "--outcome", "PASS").out
     frenetic("run", "--roads", "urban-50", *calm, "--strategy", "random", "--out", "other")
     assert "MOOBD (m, at most 1.62)" in frenetic("compare", "calm", "other").out
-    again = " ".join(frenetic("rerun", "calm", "1").out.split())
-    assert "MOOBD (m, at most 1.62)" in again
+    rerun = " ".join(frenetic("rerun", "calm", "1").out.split())
+    assert "MOOBD (m, at most 1.62)" in rerun
 
 
-def test_its_roads_are_driven_again_as_they_were(frenetic: Frenetic, slippery: Path) -> None:
-    with CampaignStore.open(slippery) as store:
+def test_roads_of_a_class_are_driven_again_with_their_grades(
+    frenetic: Frenetic, slippery_campaign: Path
+) -> None:
+    with CampaignStore.open(slippery_campaign) as store:
         (worst, *_) = [test.id for test in store.tests("FAIL", "moobd")]  # type: ignore[arg-type]
-    again = frenetic("drive", str(slippery), str(worst), "--json")
-    assert again.json["differs"] == ""
-    road = next((slippery / "failures").glob("test-*.json"))
+    repeated = frenetic("drive", str(slippery_campaign), str(worst), "--json")
+    assert repeated.json["differs"] == ""
+    road = next((slippery_campaign / "failures").glob("test-*.json"))
     assert json.loads(road.read_text())["grade"]
     driven = frenetic("drive", str(road), "--json")
     assert driven.json["outcome"] == "FAIL"
     assert frenetic("drive", str(road), "--dry").code == 0
-    assert frenetic("rerun", str(slippery), str(worst), "--times", "1").code == 0
-    assert "rerun/" not in frenetic("check", str(slippery)).out
-    assert frenetic("show", str(slippery)).code == 0
+    assert frenetic("rerun", str(slippery_campaign), str(worst), "--times", "1").code == 0
+    assert "rerun/" not in frenetic("check", str(slippery_campaign)).out
+    assert frenetic("show", str(slippery_campaign)).code == 0
 
 
-def test_show_names_the_class_and_says_how_a_road_lies(frenetic: Frenetic, slippery: Path) -> None:
-    assert "roads      rural-80, 80 km/h\n" in frenetic("show", str(slippery)).out
-    assert frenetic("show", str(slippery), "--json").json["config"]["road_class"]["length"] == 800
-    with CampaignStore.open(slippery) as store:
+def test_show_names_the_class_and_the_grade_and_superelevation_of_a_road(
+    frenetic: Frenetic, slippery_campaign: Path
+) -> None:
+    assert "roads      rural-80, 80 km/h\n" in frenetic("show", str(slippery_campaign)).out
+    assert (
+        frenetic("show", str(slippery_campaign), "--json").json["config"]["road_class"]["length"]
+        == 800
+    )
+    with CampaignStore.open(slippery_campaign) as store:
         road = store.test(1).road
     radius, lean = (1.0 / abs(road.curvatures).max(), abs(road.superelevation[:, 1]).max())
     line = f"{road.length:.0f} m, sharpest radius {radius:.0f} m, grade up to "
-    shown = frenetic("show", str(slippery), "1").out
+    shown = frenetic("show", str(slippery_campaign), "1").out
     assert f"road       {line}" in shown
     assert f" %, superelevation up to {100.0 * lean:.1f} %\n" in shown
     words = Road([0.0, -0.01, 0.0], grade=0.02, widening=0.5).as_text()
@@ -95,15 +104,17 @@ def test_show_names_the_class_and_says_how_a_road_lies(frenetic: Frenetic, slipp
     assert words == "10 m, straight, grade up to −4.0 %"
 
 
-def test_a_file_repeats_it_and_resume_goes_on(frenetic: Frenetic, slippery: Path) -> None:
-    assert frenetic("run", str(slippery / FILE), "--out", "again", "--json").code == 0
-    first, again = ((folder / FILE).read_text() for folder in (slippery, Path("again")))
-    assert first == again
+def test_a_campaigns_file_repeats_its_search_and_resume_goes_on(
+    frenetic: Frenetic, slippery_campaign: Path
+) -> None:
+    assert frenetic("run", str(slippery_campaign / FILE), "--out", "again", "--json").code == 0
+    first, repeated = ((folder / FILE).read_text() for folder in (slippery_campaign, Path("again")))
+    assert first == repeated
     assert frenetic("resume", "again", "--simulations", "3", "--json").json["simulations"] == 15
     assert "roads" not in Path("again", FILE).read_text().replace("[roads", "")
 
 
-def test_given_options_win(frenetic: Frenetic) -> None:
+def test_options_win_over_the_class(frenetic: Frenetic) -> None:
     options = ("--roads", "urban-50", "--criteria", "speed_limit=80", "--map-size", "1500")
     frenetic("run", *options, "--simulations", "2", "--seed", "1", "--out", "town")
     with CampaignStore.open(Path("town")) as store:
@@ -136,30 +147,32 @@ def test_a_dry_drive_says_which_rule_a_road_breaks(frenetic: Frenetic) -> None:
         ),
     ],
 )
-def test_mistakes(
+def test_unusable_road_classes_are_refused(
     frenetic: Frenetic, copied: str, arguments: tuple[str, ...], words: tuple[str, ...]
 ) -> None:
     assert frenetic(*arguments).refuses(*words)
 
 
-def test_roads_that_a_simulator_cannot_lay_are_refused_before_the_first(frenetic: Frenetic) -> None:
+def test_a_simulator_that_needs_flat_roads_refuses_a_class_before_it_drives(
+    frenetic: Frenetic,
+) -> None:
     Path("sledge.py").write_text(
         "import frenetic\n\nclass Sledge(frenetic.SteppedSimulator):\n    pass\n"
     )
     Path("lane.toml").write_text("design_speed = 80")
     run = ("run", "--simulator", "sledge.py:Sledge", "--out", "c", "--roads")
     one_width = "Sledge drives flat roads of one width only: choose another simulator, or --roads "
-    for road_class, better in (("rural-80", "rural-80"), ("lane.toml", "CLASS")):
-        better += ",max_superelevation=0,max_grade=0"
+    for road_class, advice in (("rural-80", "rural-80"), ("lane.toml", "CLASS")):
+        advice += ",max_superelevation=0,max_grade=0"
         answer = frenetic(*run, road_class)
-        assert (answer.code, answer.err) == (2, f"frenetic: {one_width}{better}\n")
+        assert (answer.code, answer.err) == (2, f"frenetic: {one_width}{advice}\n")
         assert not Path("c").exists()
     flat = ("--roads", "rural-80,max_superelevation=0,max_grade=0", "--driver", "marking-follower")
-    found = frenetic("run", *flat, "--simulations", "1", "--seed", "1", "--out", "flat", "--json")
-    assert found.json["simulations"] == 1
+    answer = frenetic("run", *flat, "--simulations", "1", "--seed", "1", "--out", "flat", "--json")
+    assert answer.json["simulations"] == 1
 
 
-def test_a_strategy_of_ones_own_is_told_what_breaks_a_rule(frenetic: Frenetic) -> None:
+def test_a_road_of_a_users_strategy_that_breaks_the_class_is_invalid(frenetic: Frenetic) -> None:
     Path("mine.py").write_text(
         "import numpy as np\n"
         "from frenetic.search import Origin, Strategy\n"

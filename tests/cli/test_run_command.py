@@ -1,4 +1,4 @@
-"""`frenetic run` and `resume`: what they print and leave, and drivers that break meanwhile."""
+"""`frenetic run` and `resume`: output, files, drivers that break, Ctrl-C and advice."""
 
 from __future__ import annotations
 
@@ -34,8 +34,8 @@ def write(name: str, content: object) -> str:
     return name
 
 
-def refused(answer: Answer, *words: str) -> None:
-    """Exit code 2 and one line on stderr with these words, after what was found."""
+def require_refusal(answer: Answer, *words: str) -> None:
+    """Require exit code 2 and one line from frenetic on stderr that holds the words."""
     lines = [line for line in answer.err.splitlines() if line.startswith("frenetic: ")]
     assert (answer.code, len(lines)) == (2, 1)
     assert "Traceback" not in answer.err
@@ -55,10 +55,10 @@ def test_run_prints_a_summary_and_leaves_roads_and_pictures(frenetic: Frenetic) 
     assert not list(Path("mine/failures").glob("*.part"))
 
 
-def test_fail_on_failure_ends_with_1_only_where_a_test_failed(frenetic: Frenetic) -> None:
+def test_fail_on_failure_exits_1_only_if_a_test_failed(frenetic: Frenetic) -> None:
     run = ("run", "--seed", "3", "--workers", "1", "--json")
-    until = ("--failures", "1", "--with", "delay=0.05", "--out", "c")
-    failing = frenetic(*run, *until, "--fail-on-failure")
+    budget = ("--failures", "1", "--with", "delay=0.05", "--out", "c")
+    failing = frenetic(*run, *budget, "--fail-on-failure")
     assert failing.json["failed"] > 0
     assert failing.code == 1
     assert frenetic("resume", "c", "--simulations", "1", "--fail-on-failure").code == 1
@@ -77,15 +77,15 @@ def test_run_refuses_a_simulator_whose_package_is_missing_and_leaves_nothing(
     monkeypatch.setitem(sys.modules, "metadrive", None)
     options = ("run", "--simulator", "metadrive", "--simulations", "1", "--out", "c")
     answer = frenetic(*options)
-    refused(answer, 'needs the package metadrive: pip install ".[metadrive]"')
+    require_refusal(answer, 'needs the package metadrive: pip install ".[metadrive]"')
     assert "go on" not in answer.err
     assert not Path("c").exists()
     elsewhere = frenetic(*options, "--workers", "tcp://nowhere:1")
-    refused(elsewhere, "nowhere")
-    assert "metadrive" not in elsewhere.err, "it is needed where it drives"
+    require_refusal(elsewhere, "nowhere")
+    assert "metadrive" not in elsewhere.err, "only the workers need the package"
 
 
-MY_DRIVER = """
+DRIVERS = """
 import os
 
 import frenetic
@@ -129,29 +129,29 @@ class Crashes(Slow):
 """
 
 
-def test_a_driver_that_crashes_takes_nothing_with_it(frenetic: Frenetic) -> None:
-    """A single worker drives Python code in a process of its own, and so does every command."""
-    write("mydriver.py", MY_DRIVER)
+def test_a_driver_that_ends_its_process_costs_one_drive(frenetic: Frenetic) -> None:
+    """Each command drives Python code in another process, also with a single worker."""
+    write("mydriver.py", DRIVERS)
     write("bent.json", {"curvatures": [0.0, 0.0, 0.01, 0.06, 0.06, 0.03, 0.0]})
-    how = ("--driver", "mydriver.py:Crashes", "--json")
+    driver = ("--driver", "mydriver.py:Crashes", "--json")
     lost = "the driver's process was lost: it was killed by SIGABRT"
-    answer = frenetic("drive", "bent.json", *how)
+    answer = frenetic("drive", "bent.json", *driver)
     assert (answer.code, answer.json["reason"]) == (0, lost)
     search = ("--strategy", "frenetic-2021", "--simulations", "8", "--seed", "3", "--workers", "1")
-    summary = frenetic("run", *search, *how, "--out", "c").json
+    summary = frenetic("run", *search, *driver, "--out", "c").json
     assert (summary["simulations"], summary["errors"]) == (8, 0)
     assert summary["failed"] >= 1
-    found = frenetic("show", "c", "--json").json["distinct_failures"]
-    assert found[0]["description"] == "ends its process"
+    failures = frenetic("show", "c", "--json").json["distinct_failures"]
+    assert failures[0]["description"] == "ends its process"
 
 
 @pytest.mark.parametrize("workers", ["1", "2"])
-def test_a_drivers_error_comes_with_its_place_and_traceback(
+def test_a_drivers_error_is_reported_with_its_line_and_traceback(
     frenetic: Frenetic, workers: str, caplog: pytest.LogCaptureFixture
 ) -> None:
-    """The traceback is in the campaign's log, and with --debug on the terminal."""
-    write("mydriver.py", MY_DRIVER)
-    number = MY_DRIVER.splitlines().index('        raise ValueError("lost")') + 1
+    """The campaign's log has the traceback; with --debug the terminal has it, too."""
+    write("mydriver.py", DRIVERS)
+    number = DRIVERS.splitlines().index('        raise ValueError("lost")') + 1
     reason = f'the driver raised ValueError: lost (mydriver.py:{number}: raise ValueError("lost"))'
     search = ("run", "--driver", "mydriver.py:Raises", "--simulations", "3", "--seed", "1")
     with caplog.at_level("DEBUG", "frenetic"):
@@ -169,8 +169,8 @@ def test_a_drivers_error_comes_with_its_place_and_traceback(
     assert all(where in str(line["traceback"]) for line in broken)
 
 
-def test_crashes_are_failures_beside_departures(frenetic: Frenetic) -> None:
-    write("mydriver.py", MY_DRIVER)
+def test_errors_of_a_driver_are_failures_beside_departures(frenetic: Frenetic) -> None:
+    write("mydriver.py", DRIVERS)
     search = ("--simulations", "50", "--seed", "1", "--workers", "1", "--out")
     answer = frenetic("run", "--driver", "mydriver.py:Tires", *search, "c")
     assert answer.code == 0
@@ -178,22 +178,25 @@ def test_crashes_are_failures_beside_departures(frenetic: Frenetic) -> None:
     assert first["description"].startswith("raises RuntimeError at mydriver.py:")
     assert others
     assert list(Path("c/failures").glob("test-*.json"))
-    # One that breaks on every road has nothing to search for.
+    # With a driver that breaks on every road there is nothing to search for.
     answer = frenetic("run", "--driver", "mydriver.py:Raises", *search, "d")
-    refused(answer, "the driver broke on each of the first 10 roads", "ValueError: lost")
+    require_refusal(answer, "the driver broke on each of the first 10 roads", "ValueError: lost")
     assert "1 cause of 10 failures" in answer.out
 
 
-def test_what_it_advises_after_a_crash_works_once_the_driver_is_mended(frenetic: Frenetic) -> None:
-    """With the options that the search had; from another folder the code is loaded from its own."""
-    write("mydriver.py", MY_DRIVER)
+def test_the_command_advised_after_a_crash_works_once_the_driver_is_mended(
+    frenetic: Frenetic,
+) -> None:
+    """It keeps the options of the search; from another folder the driver is loaded from its own."""
+    write("mydriver.py", DRIVERS)
     search = ("--simulations", "12", "--seed", "1", "--workers", "1", "--out", "c")
-    how = ("--driver", "mydriver.py:Raises", "--with", "delay=0.05", "--criteria", "speed_limit=60")
-    crashed = frenetic("run", *how, *search)
+    parts = ("--driver", "mydriver.py:Raises")
+    terms = ("--with", "delay=0.05", "--criteria", "speed_limit=60")
+    crashed = frenetic("run", *parts, *terms, *search)
     (advice,) = re.findall(
         "mend it, then start it anew, with the same seed: frenetic (.*)", crashed.err
     )
-    mended = MY_DRIVER.replace('raise ValueError("lost")', "return frenetic.Controls(0.0, 0.3)")
+    mended = DRIVERS.replace('raise ValueError("lost")', "return frenetic.Controls(0.0, 0.3)")
     write("mydriver.py", mended)
     edited = frenetic("resume", "c")
     assert edited.refuses("mydriver.py was edited, and c tests it as it was")
@@ -213,7 +216,7 @@ def test_what_it_advises_after_a_crash_works_once_the_driver_is_mended(frenetic:
         assert f"mydriver.py:Raises is loaded from {here}" in answer.err
 
 
-COUNTING = """
+COUNTING_SIMULATOR = """
 import time
 from pathlib import Path
 
@@ -222,7 +225,7 @@ from frenetic import EmbeddedSimulator
 
 class Counting(EmbeddedSimulator):
     def drive(self, road, driver):
-        time.sleep(0.05)  # so that there is little to report
+        time.sleep(0.05)  # so that the summary stays short
         return super().drive(road, driver)
 
     def __exit__(self, *details):
@@ -232,7 +235,7 @@ class Counting(EmbeddedSimulator):
 
 
 SIGNALS = ("SIGINT", "SIGTERM", "SIGHUP")
-RUNS = """
+RUN_FOR_EACH_SIGNAL = """
 import signal, sys
 from pathlib import Path
 from command_line import empty_pictures
@@ -241,10 +244,10 @@ from frenetic.cli import main
 for name in sys.argv[1:]:
     hears = name == "SIGINT"
     signal.signal(signal.SIGINT, signal.default_int_handler if hears else signal.SIG_IGN)
-    how = ["--time", "10m", "--workers", "1", "--simulator", "counting.py:Counting"]
+    options = ["--time", "10m", "--workers", "1", "--simulator", "counting.py:Counting"]
     try:
         with empty_pictures():
-            main(["run", *how, "--out", name])
+            main(["run", *options, "--out", name])
     except SystemExit as stop:
         Path(f"{name}.part").write_text(str(stop.code))
         Path(f"{name}.part").rename(f"{name}.code")
@@ -252,14 +255,16 @@ for name in sys.argv[1:]:
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="signals are sent as on POSIX here")
-def test_a_signal_ends_a_run_with_its_summary_and_its_simulator(tmp_path: Path) -> None:
-    """That of Ctrl-C, of a job scheduler and of a terminal that is closed.
+def test_a_signal_ends_a_run_which_prints_its_summary_and_leaves_its_simulator(
+    tmp_path: Path,
+) -> None:
+    """Ctrl-C, a job scheduler and a closed terminal send these signals.
 
-    What a script starts in the background does not hear Ctrl-C, but has to hear the others.
+    A program that a script starts in the background ignores Ctrl-C, but not the other two.
     """
-    (tmp_path / "counting.py").write_text(COUNTING)
+    (tmp_path / "counting.py").write_text(COUNTING_SIMULATOR)
     with subprocess.Popen(
-        [sys.executable, "-c", RUNS, *SIGNALS],
+        [sys.executable, "-c", RUN_FOR_EACH_SIGNAL, *SIGNALS],
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
@@ -283,7 +288,7 @@ def test_a_signal_ends_a_run_with_its_summary_and_its_simulator(tmp_path: Path) 
     assert "Traceback" not in err
 
 
-SLOW = """
+SLOW_DRIVER = """
 import time
 
 from frenetic import Planner
@@ -300,8 +305,8 @@ class Slow(Planner):
 @pytest.mark.skipif(sys.platform == "win32", reason="signals are sent as on POSIX here")
 @pytest.mark.parametrize("name", ["SIGTERM", "SIGHUP"])
 def test_a_signal_to_the_whole_group_is_no_failure_of_the_driver(tmp_path: Path, name: str) -> None:
-    """A terminal that is closed tells all processes of its group, those that make workers, too."""
-    (tmp_path / "slow.py").write_text(SLOW)
+    """A closed terminal signals all processes of its group, also the servers that fork workers."""
+    (tmp_path / "slow.py").write_text(SLOW_DRIVER)
     words = ["run", "--driver", "slow.py:Slow", "--time", "10m", "--workers", "2", "--out", "c"]
     with subprocess.Popen(
         [sys.executable, "-m", "frenetic", *words],
@@ -325,11 +330,12 @@ def test_a_signal_to_the_whole_group_is_no_failure_of_the_driver(tmp_path: Path,
 
 
 @pytest.mark.heavy
-def test_files_in_the_current_folder_take_the_place_of_no_module(tmp_path: Path) -> None:
-    (tmp_path / "slow.py").write_text(SLOW)
+def test_files_in_the_current_folder_replace_no_module_of_python(tmp_path: Path) -> None:
+    (tmp_path / "slow.py").write_text(SLOW_DRIVER)
     for name in ("random", "pickle", "signal"):
         (tmp_path / f"{name}.py").write_text("raise RuntimeError('it is not for you')")
-    program = tmp_path / "bin" / "frenetic"  # beside which Python looks, not in the current folder
+    # Python imports from the folder of the program, not from the current folder.
+    program = tmp_path / "bin" / "frenetic"
     program.parent.mkdir()
     program.write_text(
         "from frenetic.__main__ import main\n\nif __name__ == '__main__':\n    main()"
@@ -342,7 +348,9 @@ def test_files_in_the_current_folder_take_the_place_of_no_module(tmp_path: Path)
     assert "Traceback" not in done.stderr
 
 
-def test_show_says_what_writes_a_report_that_is_missing(frenetic: Frenetic, tmp_path: Path) -> None:
+def test_show_names_the_command_that_writes_a_missing_report(
+    frenetic: Frenetic, tmp_path: Path
+) -> None:
     frenetic("run", "--simulations", "3", "--seed", "1", "--out", "c")
     assert "go on" not in frenetic("show", "c").out
     (tmp_path / "c" / "report.html").unlink()
@@ -352,7 +360,7 @@ def test_show_says_what_writes_a_report_that_is_missing(frenetic: Frenetic, tmp_
 
 
 def stored_in_a_moment(folder: Path) -> int:
-    """Its stored tests, after a moment: looking takes time from the run."""
+    """Number of stored tests after 0.1 s, since looking takes time from the run."""
     time.sleep(0.1)
     return stored_tests(folder)
 
@@ -366,7 +374,7 @@ def stored_tests(folder: Path) -> int:
 
 
 def next_commands(answer: Answer) -> list[str]:
-    """The commands that an answer advises to go on with."""
+    """Commands that an answer advises for going on."""
     return re.findall(r"[Gg]o on:? +frenetic (.*)", answer.out + answer.err)
 
 
@@ -382,7 +390,7 @@ def test_ctrl_c_advises_to_resume_to_the_stored_budget(
     aggression: str,
     more: tuple[str, ...],
 ) -> None:
-    """Whether something has failed or not; `show` says the same, and running it says no more."""
+    """Also if nothing failed; `show` gives the same advice, and none once the budget is spent."""
     driver = ("--driver", f"{stopping_driver(4)},aggression={aggression}")
     out = "my campaign"
     answer = frenetic("run", *driver, *budget, "--seed", "1", "--workers", "1", "--out", out, *more)
@@ -412,7 +420,7 @@ def test_ctrl_c_while_the_report_is_written_advises_to_resume(
     assert "Finishing after 3 tests" in frenetic("resume", "c").err
 
 
-def test_ctrl_c_that_leaves_nothing_gives_the_same_command(
+def test_ctrl_c_before_anything_is_stored_advises_the_same_command(
     frenetic: Frenetic, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def interrupt(*_: object, **__: object) -> None:
@@ -424,14 +432,14 @@ def test_ctrl_c_that_leaves_nothing_gives_the_same_command(
     monkeypatch.setattr("frenetic.rerun.estimate.estimate", interrupt)
     answer = frenetic("estimate", "--odd", "town one.toml")
     assert answer.code == 130
-    again = "to run it again: frenetic estimate --odd 'town one.toml'"
-    assert answer.err.strip() == f"frenetic: interrupted; {again}"
+    advice = "to run it again: frenetic estimate --odd 'town one.toml'"
+    assert answer.err.strip() == f"frenetic: interrupted; {advice}"
 
 
-def test_each_step_has_its_time_and_the_last_line_the_whole(
+def test_each_step_shows_its_time_and_the_last_line_the_total(
     frenetic: Frenetic, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """The clock is ten seconds later at each look; a resumed search adds what was waited before."""
+    """The clock is 10 s later each time it is read."""
     clock = map(float, count(0, 10))
     monkeypatch.setattr("frenetic.cli.Invocation.clock", lambda: next(clock))
     search = ("--simulations", "30", "--seed", "3", "--driver", "aggression=1.3", "--workers", "1")
@@ -445,7 +453,7 @@ def test_each_step_has_its_time_and_the_last_line_the_whole(
     assert re.fullmatch(r"In all: +1:30", lines[-1])
 
 
-def test_numbers_of_a_campaign_have_units_and_no_endless_digits(frenetic: Frenetic) -> None:
+def test_numbers_of_a_campaign_have_units_and_few_digits(frenetic: Frenetic) -> None:
     rules = ("--criteria", f"speed_limit={200 / 3}")
     search = ("--simulations", "2", "--time", "17.150228968000647", "--seed", "1", *rules)
     assert frenetic("run", *search, "--workers", "1", "--out", "c").code == 0
@@ -457,7 +465,7 @@ def test_numbers_of_a_campaign_have_units_and_no_endless_digits(frenetic: Frenet
     )
 
 
-def test_a_search_tells_its_parts_with_their_options(frenetic: Frenetic) -> None:
+def test_run_show_and_report_name_the_parts_with_their_options(frenetic: Frenetic) -> None:
     parts = ("frenetic,random_roads=5", "planner,aggression=1.3", "embedded,friction=0.9")
     strategy, driver, simulator = parts
     chosen = ("--strategy", strategy, "--driver", driver, "--simulator", simulator)

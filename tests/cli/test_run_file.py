@@ -1,4 +1,4 @@
-"""A run as a TOML file: every campaign writes one, commands read it, and what is refused."""
+"""The TOML file of a run: campaigns write it, commands read it, and refuse what is wrong."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 pytest_plugins = ["command_line"]
 
-ALONE = ("--workers", "1", "--json")
+OPTIONS = ("--workers", "1", "--json")
 
 
 def results_of(folder: str) -> list[object]:
@@ -41,46 +41,46 @@ def results_of(folder: str) -> list[object]:
 def test_a_campaigns_own_file_runs_the_same_campaign(
     frenetic: Frenetic, options: tuple[str, ...]
 ) -> None:
-    assert frenetic("run", "--simulations", "12", *options, *ALONE, "--out", "first").code == 0
+    assert frenetic("run", "--simulations", "12", *options, *OPTIONS, "--out", "first").code == 0
     assert frenetic("run", f"first/{FILE}", "--out", "again", "--json").code == 0
     assert results_of("again") == results_of("first")
-    first, again = (Path(folder, FILE).read_text() for folder in ("first", "again"))
-    assert first == again
+    first, repeated = (Path(folder, FILE).read_text() for folder in ("first", "again"))
+    assert first == repeated
 
 
-def test_a_campaigns_file_holds_what_was_said_and_what_makes_it_repeatable(
+def test_a_campaigns_file_holds_the_options_the_parts_and_the_seed(
     frenetic: Frenetic,
 ) -> None:
-    frenetic("run", "--simulations", "1", "--with", "delay=0.1", *ALONE, "--out", "c")
+    frenetic("run", "--simulations", "1", "--with", "delay=0.1", *OPTIONS, "--out", "c")
     entries = tomllib.loads(Path("c", FILE).read_text())
-    usual = {"strategy": "frenetic", "driver": "planner", "simulator": "embedded"}
-    said = {"simulations": 1, "workers": 1, "with": {"delay": 0.1}}
-    assert entries.keys() == {*usual, *said, "seed", "max_in_flight"}
-    assert entries.items() >= {**usual, **said}.items()
+    parts = {"strategy": "frenetic", "driver": "planner", "simulator": "embedded"}
+    options = {"simulations": 1, "workers": 1, "with": {"delay": 0.1}}
+    assert entries.keys() == {*parts, *options, "seed", "max_in_flight"}
+    assert entries.items() >= {**parts, **options}.items()
 
 
 @pytest.mark.heavy
-def test_a_search_that_starts_from_others_is_repeated(frenetic: Frenetic) -> None:
+def test_the_file_of_a_search_that_starts_from_campaigns_repeats_it(frenetic: Frenetic) -> None:
     for name, seed in (("one", "3"), ("two", "4")):
-        frenetic("run", "--simulations", "20", "--seed", seed, *ALONE, "--out", name)
+        frenetic("run", "--simulations", "20", "--seed", seed, *OPTIONS, "--out", name)
     start = ("--from", "one", "--from", "two")
-    frenetic("run", "--simulations", "8", "--seed", "5", *start, *ALONE, "--out", "first")
+    frenetic("run", "--simulations", "8", "--seed", "5", *start, *OPTIONS, "--out", "first")
     assert Spec.read(Path("first", FILE)).start_from == ("one", "two")
     assert frenetic("run", f"first/{FILE}", "--out", "again", "--json").code == 0
     assert results_of("again") == results_of("first")
-    frenetic("resume", "first", "--simulations", "4", *ALONE)
+    frenetic("resume", "first", "--simulations", "4", *OPTIONS)
     assert "simulations = 12\n" in Path("first", FILE).read_text()
 
 
-def test_given_options_win(frenetic: Frenetic) -> None:
+def test_options_win_over_the_file(frenetic: Frenetic) -> None:
     Path("run.toml").write_text(
         'driver = "stanley,aggression=1.1"\nsimulations = 50\nfailures = 50\nseed = 3\n'
         'time = "1h"\nworkers = 1\n[with]\ndelay = 0.1\nview = 50\n'
     )
     options = ("--simulations", "2", "--driver", "smoothing=0.5")
     amounts = ("--with", "noise=0.1", "--with", "view=inf")
-    ran = frenetic("run", "run.toml", *options, *amounts, "--out", "c", "--json")
-    assert ran.json["simulations"] == 2
+    answer = frenetic("run", "run.toml", *options, *amounts, "--out", "c", "--json")
+    assert answer.json["simulations"] == 2
     written = Spec.read(Path("c", FILE))
     assert written.driver == "stanley,aggression=1.1,smoothing=0.5"
     assert written.conditions == {"delay": 0.1, "noise": 0.1}
@@ -89,11 +89,11 @@ def test_given_options_win(frenetic: Frenetic) -> None:
 
 
 @pytest.mark.parametrize("is_first", [True, False])
-def test_options_beside_roads_hold_in_whatever_order(frenetic: Frenetic, is_first: bool) -> None:
+def test_other_options_win_over_roads_in_any_order(frenetic: Frenetic, is_first: bool) -> None:
     roads = ("--roads", "rural-80,length=250")
     others = ("--map-size", "200", "--criteria", "speed_limit=70")
     words = (*roads, *others) if is_first else (*others, *roads)
-    assert frenetic("run", *words, "--simulations", "1", *ALONE, "--out", "c").code == 0
+    assert frenetic("run", *words, "--simulations", "1", *OPTIONS, "--out", "c").code == 0
     with CampaignStore.open("c") as store:
         assert store.setting.map_size == 200.0
         assert store.setting.rules.speed_limit == 70.0
@@ -103,7 +103,7 @@ def test_options_beside_roads_hold_in_whatever_order(frenetic: Frenetic, is_firs
 # Other commands
 
 
-def test_as_drives_as_a_file_says(frenetic: Frenetic) -> None:
+def test_as_drives_with_the_parts_and_rules_of_a_file(frenetic: Frenetic) -> None:
     Path("road.json").write_text(json.dumps({"curvatures": [0.0, 0.02, 0.0]}))
     Path("how.toml").write_text('driver = "stanley"\nspeed_limit = 30\nsimulations = 5\n')
     driven = frenetic("drive", "road.json", "--as", "how.toml")
@@ -112,7 +112,7 @@ def test_as_drives_as_a_file_says(frenetic: Frenetic) -> None:
     assert slow > frenetic("drive", "road.json", "--driver", "stanley", "--json").json["duration"]
 
 
-def test_as_replaces_how_a_file_drives_and_options_win(frenetic: Frenetic) -> None:
+def test_as_replaces_parts_and_rules_of_the_first_file_and_options_win(frenetic: Frenetic) -> None:
     Path("run.toml").write_text(
         'driver = "planner,aggression=1.2"\nspeed_limit = 50\nroads = "rural-80"\nseed = 3\n'
         'simulations = 2\nobjective = "oob-share"\nworkers = 1\n[with]\ndelay = 0.1\n'
@@ -129,7 +129,7 @@ def test_as_replaces_how_a_file_drives_and_options_win(frenetic: Frenetic) -> No
     assert (written.seed, written.simulations, written.objective) == (3, 2, "oob-share")
 
 
-def test_options_of_a_strangers_driver_do_not_name_it(frenetic: Frenetic) -> None:
+def test_options_for_a_driver_of_an_untrusted_file_do_not_trust_it(frenetic: Frenetic) -> None:
     Path("theirs.py").write_text("raise SystemExit('it ran')\n")
     Path("run.toml").write_text('driver = "theirs.py:Driver"\n')
     refused = frenetic("run", "run.toml", "--driver", "aggression=1.1")
@@ -151,7 +151,7 @@ WRONG = {
     "simulations = ": "line 1",
     "\x00": "line 1",
 }
-"""What a file says, and words of the line that refuses it."""
+"""Text of a file -> words of the line that refuses the file."""
 
 
 @pytest.mark.parametrize("text", WRONG)

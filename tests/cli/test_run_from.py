@@ -10,25 +10,27 @@ if TYPE_CHECKING:
 
 pytest_plugins = ["command_line"]
 
-HOW = ("--simulations", "30", "--workers", "1", "--seed", "9")
+OPTIONS = ("--simulations", "30", "--workers", "1", "--seed", "9")
 
 
-def test_run_from_a_campaign_says_so_everywhere(frenetic: Frenetic, copied: str) -> None:
-    answer = frenetic("run", *HOW, "--from", copied, "--out", "next")
+def test_run_show_and_report_name_the_campaign_that_a_search_starts_from(
+    frenetic: Frenetic, copied: str
+) -> None:
+    answer = frenetic("run", *OPTIONS, "--from", copied, "--out", "next")
     assert answer.code == 0
-    taken = f"starts from {copied} ("
-    assert f"Note: {taken}" in answer.err
+    start = f"starts from {copied} ("
+    assert f"Note: {start}" in answer.err
     assert " driven again still failed" in answer.out
     assert " known before" in answer.out
     shown = " ".join(frenetic("show", "next").out.split())
-    assert taken in shown
+    assert start in shown
     assert "known before" in shown
     document = frenetic("show", "next", "--json").json
     (earlier,) = document["config"]["start_from"]
     assert earlier["folder"] == copied
-    assert any(one["was_known"] for one in document["distinct_failures"])
+    assert any(failure["was_known"] for failure in document["distinct_failures"])
     report = Path("next/report.html").read_text(encoding="utf-8")
-    assert taken.removeprefix("starts from ") in report
+    assert start.removeprefix("starts from ") in report
     assert "known before" in report
     first = " ".join(frenetic("show", "next", "1").out.split())
     assert "origin earlier, the road of test " in first

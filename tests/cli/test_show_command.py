@@ -1,4 +1,4 @@
-"""`frenetic show`: a campaign, its tests and lists of them, and what nearly failed."""
+"""`frenetic show`: a campaign, a test, lists of tests, and the nearest misses."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 pytest_plugins = ["command_line"]
 
 
-def test_show_a_campaign_and_a_test(frenetic: Frenetic, copied: str) -> None:
+def test_show_describes_a_campaign_and_a_test(frenetic: Frenetic, copied: str) -> None:
     whole = frenetic("show", "c")
     assert "strategy   frenetic [version" in whole.out
     assert "driver     planner [version" in whole.out
@@ -26,30 +26,30 @@ def test_show_a_campaign_and_a_test(frenetic: Frenetic, copied: str) -> None:
     assert "speed limit 70 km/h, assumed, 0.95 of the car may be out, map of 200 m" in whole.out
     assert "60 simulations" in whole.out
     assert "distinct failure" in whole.out
-    counted = frenetic("show", "c", "--json").json
-    assert counted["passed"] + counted["failed"] == 60
-    alike = [test for one in counted["distinct_failures"] for test in one["tests"]]
-    assert len(alike) == len(set(alike)) == counted["failed"]
+    document = frenetic("show", "c", "--json").json
+    assert document["passed"] + document["failed"] == 60
+    alike = [test for failure in document["distinct_failures"] for test in failure["tests"]]
+    assert len(alike) == len(set(alike)) == document["failed"]
     failing = alike[0]
-    one = frenetic("show", "c", str(failing))
-    assert "FAIL" in one.out
-    assert "curvatures" in one.out
+    shown_test = frenetic("show", "c", str(failing))
+    assert "FAIL" in shown_test.out
+    assert "curvatures" in shown_test.out
     document = frenetic("show", "c", str(failing), "--json").json
     assert document["id"] == failing
     assert Path(document["picture"]).is_file()
 
 
-def test_a_clean_campaign_is_told_in_its_users_words(frenetic: Frenetic) -> None:
-    """Nothing of asking and telling, of clusters, or of counts that are zero."""
+def test_a_clean_campaign_is_described_without_words_of_the_code(frenetic: Frenetic) -> None:
+    """No asking and telling, no clusters, and no counts of zero."""
     clean = ("--simulations", "30", "--seed", "3", "--workers", "1", "--out", "c")
-    said = [frenetic("run", *clean).out, frenetic("show", "c").out, frenetic("report", "c").out]
-    said += [frenetic("show", "c", "7").out, frenetic("show", "c", "--sort", "tested").out]
-    said += [frenetic("resume", "c", "--simulations", "3").out]
-    said += [frenetic(name, "--help").out for name in ("run", "resume", "report")]
-    assert re.findall(r"\b(?:told|alike|telling|0 \w+ed)\b", "\n".join(said)) == []
+    texts = [frenetic("run", *clean).out, frenetic("show", "c").out, frenetic("report", "c").out]
+    texts += [frenetic("show", "c", "7").out, frenetic("show", "c", "--sort", "tested").out]
+    texts += [frenetic("resume", "c", "--simulations", "3").out]
+    texts += [frenetic(name, "--help").out for name in ("run", "resume", "report")]
+    assert re.findall(r"\b(?:told|alike|telling|0 \w+ed)\b", "\n".join(texts)) == []
 
 
-def test_show_an_invalid_test(frenetic: Frenetic) -> None:
+def test_show_describes_and_draws_an_invalid_test(frenetic: Frenetic) -> None:
     redrawn = ("--strategy", "random,max_redraws=0", "--simulations", "40", "--seed", "3")
     frenetic("run", *redrawn, "--out", "c")
     with CampaignStore.open("c") as store:
@@ -60,7 +60,7 @@ def test_show_an_invalid_test(frenetic: Frenetic) -> None:
     assert len(list(Path("c").rglob(f"*{record.candidate.id:05d}.png"))) == 1
 
 
-def test_nothing_failed_so_run_and_show_give_the_nearest_misses(
+def test_without_failures_run_and_show_list_the_nearest_misses(
     frenetic: Frenetic,
 ) -> None:
     calm = ("--driver", "aggression=0.3", "--seed", "3", "--workers", "1", "--out", "slow")
@@ -70,9 +70,9 @@ def test_nothing_failed_so_run_and_show_give_the_nearest_misses(
     shown, text = frenetic("show", "slow", "--json").json, frenetic("show", "slow").out
     near = shown["near_misses"]
     assert (shown["failed"], shown["distinct_failures"], len(near)) == (0, [], 5)
-    assert [one["moobd"] for one in near] == sorted(one["moobd"] for one in near)
+    assert [miss["moobd"] for miss in near] == sorted(miss["moobd"] for miss in near)
     assert near[0]["moobd"] == shown["min_moobd"]
-    assert all(one["description"] in " ".join(text.split()) for one in near)
+    assert all(miss["description"] in " ".join(text.split()) for miss in near)
     assert Path("slow/failures/gallery.png").is_file()
 
 
@@ -111,8 +111,8 @@ def test_headings_say_how_many_drives_broke(
     Path("unreliable.py").write_text(UNRELIABLE)
     simulator = f"unreliable.py:Unreliable,out={out},every={every}"
     parts = ("--simulator", simulator, "--driver", "stanley")
-    how = ("--strategy", "random", "--simulations", "6", "--seed", "3", "--workers", "1")
-    run = frenetic("run", *parts, *how, "--out", "c", "--fail-on-failure")
+    search = ("--strategy", "random", "--simulations", "6", "--seed", "3", "--workers", "1")
+    run = frenetic("run", *parts, *search, "--out", "c", "--fail-on-failure")
     shown = frenetic("show", "c")
     assert (run.code, shown.code) == (1, 0)
     title = re.search(r"<title>(.*?)</title>", Path("c/report.html").read_text(encoding="utf-8"))

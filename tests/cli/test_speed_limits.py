@@ -1,4 +1,4 @@
-"""Which speed limit holds: the command line's, the file's, the class's, or the usual one."""
+"""Speed limits of the command line, of a road's file, of a class, and the default."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def limit_of(out: str) -> str:
     return str(line)
 
 
-def test_map_of_a_town_is_driven_at_its_limit(frenetic: Frenetic) -> None:
+def test_a_map_of_a_town_is_driven_at_its_speed_limit(frenetic: Frenetic) -> None:
     driver = f"{MAPS / '01-keeps_limit.py'}:Limit"
     answer = frenetic("drive", TOWN, "--road", "1", "--driver", driver)
     assert answer.code == 0
@@ -47,15 +47,14 @@ def test_map_of_a_town_is_driven_at_its_limit(frenetic: Frenetic) -> None:
         (("--roads", "rural-100", "--with", "speed=45"), "45 km/h, as given"),
     ],
 )
-def test_command_line_wins_then_the_file_then_the_class(
+def test_the_command_line_wins_over_the_file_and_the_file_over_the_class(
     frenetic: Frenetic, tmp_path: Path, options: tuple[str, ...], limit: str
 ) -> None:
     path = tmp_path / "road.json"
     road = Road(np.zeros(20), lane_width=3.75, speed_limits=[(0, 30)])
     path.write_text(json.dumps(entries_of(road)))
     answer = frenetic("drive", path, *options, "--json")
-    said = frenetic("drive", path, *options)
-    assert limit_of(said.out) == limit
+    assert limit_of(frenetic("drive", path, *options).out) == limit
     fastest = float(limit.split()[0])
     assert answer.json["duration"] >= 180.0 / (fastest / 3.6)
 
@@ -68,7 +67,7 @@ def test_command_line_wins_then_the_file_then_the_class(
         (("--roads", "rural-100", "--criteria", "competition,speed_limit=80"), "80 km/h, as given"),
     ],
 )
-def test_road_without_a_limit_is_driven_at_that_of_the_class_or_the_usual_one(
+def test_a_road_without_a_limit_has_the_limit_of_its_class_or_70_km_h(
     frenetic: Frenetic, tmp_path: Path, options: tuple[str, ...], limit: str
 ) -> None:
     path = tmp_path / "road.json"
@@ -76,7 +75,7 @@ def test_road_without_a_limit_is_driven_at_that_of_the_class_or_the_usual_one(
     assert limit_of(frenetic("drive", path, *options).out) == limit
 
 
-def test_exports_of_a_map_have_its_limit(frenetic: Frenetic, tmp_path: Path) -> None:
+def test_exports_of_a_map_keep_its_speed_limit(frenetic: Frenetic, tmp_path: Path) -> None:
     out = tmp_path / "o.xodr"
     answer = frenetic("export", TOWN, "--road", "1", "--format", "opendrive", "--out", out)
     assert answer.code == 0
@@ -91,7 +90,9 @@ def test_exports_of_a_map_have_its_limit(frenetic: Frenetic, tmp_path: Path) -> 
         assert limit_of(frenetic("drive", tmp_path / file).out) == "30 km/h, of the road"
 
 
-def test_file_of_a_test_of_a_class_says_its_limit(frenetic: Frenetic, tmp_path: Path) -> None:
+def test_an_exported_test_has_the_speed_limit_of_its_class(
+    frenetic: Frenetic, tmp_path: Path
+) -> None:
     folder = tmp_path / "c"
     run = ("run", "--roads", "rural-100", "--simulations", 3, "--seed", 1, "--out", folder)
     assert "speed limit 100 km/h, of rural-100" in frenetic(*run).err
@@ -100,7 +101,9 @@ def test_file_of_a_test_of_a_class_says_its_limit(frenetic: Frenetic, tmp_path: 
     assert limit_of(answer.out) == "100 km/h, of the road"
 
 
-def test_scenario_changes_its_speed_with_the_limit(frenetic: Frenetic, tmp_path: Path) -> None:
+def test_a_scenario_changes_its_target_speed_with_the_limit(
+    frenetic: Frenetic, tmp_path: Path
+) -> None:
     road = Road(np.zeros(31), speed_limits=[(0, 72), (200, 36), (250, 54)])
     (tmp_path / "road.json").write_text(json.dumps(entries_of(road)))
     out = tmp_path / "o.xodr"
@@ -124,7 +127,7 @@ def test_scenario_changes_its_speed_with_the_limit(frenetic: Frenetic, tmp_path:
         ([(0, 70), (2, 30)], ["8.333333"], []),
     ],
 )
-def test_scenario_brakes_to_a_limit_behind_a_short_stretch(
+def test_a_scenario_brakes_in_time_for_a_lower_limit(
     frenetic: Frenetic,
     tmp_path: Path,
     limits: list[tuple[float, float]],
@@ -138,13 +141,16 @@ def test_scenario_brakes_to_a_limit_behind_a_short_stretch(
     frenetic("export", tmp_path / "road.json", "--format", "opendrive", "--out", out)
     scenario = out.with_suffix(".xosc").read_text()
     assert re.findall(r'AbsoluteTargetSpeed value="([^"]*)"', scenario) == ["0.0", *speeds]
-    found = [float(s) for s in re.findall(r'TraveledDistanceCondition value="([^"]*)"', scenario)]
-    assert found == sorted(found)
-    assert len(found) == len(places)
+    distances = [
+        float(s) for s in re.findall(r'TraveledDistanceCondition value="([^"]*)"', scenario)
+    ]
+    assert distances == sorted(distances)
+    assert len(distances) == len(places)
 
 
-def test_minimising_begins_with_the_road_as_it_is(frenetic: Frenetic, tmp_path: Path) -> None:
-    """The limit begins between two samples."""
+def test_minimising_keeps_a_limit_that_begins_between_two_samples(
+    frenetic: Frenetic, tmp_path: Path
+) -> None:
     road = Road([0, 0, 0.03, 0.03], 40.0, speed_limits=[(0, 20), (41, 100)])
     (tmp_path / "q.json").write_text(json.dumps(entries_of(road)))
     slippery = ("--simulator", "embedded,friction=0.25")
@@ -155,7 +161,7 @@ def test_minimising_begins_with_the_road_as_it_is(frenetic: Frenetic, tmp_path: 
 def test_speed_varies_around_the_highest_limit_of_the_drive(
     frenetic: Frenetic, tmp_path: Path
 ) -> None:
-    """Where a road has no limit, that of the class or the usual one is scaled with the others."""
+    """Where the road has no limit, the default limit is scaled as well."""
     (tmp_path / "roads").mkdir()
     road = Road(0.01 * np.sin(np.arange(12)), speed_limits=[(0, 30), (30, 0)])
     (tmp_path / "roads" / "a.json").write_text(json.dumps(entries_of(road)))
@@ -166,7 +172,7 @@ def test_speed_varies_around_the_highest_limit_of_the_drive(
     assert all(63.0 <= speed <= 77.0 for speed in drawn)
 
 
-def test_search_from_real_roads_drives_each_at_its_own_limit(
+def test_a_search_from_real_roads_drives_each_road_at_its_own_limit(
     frenetic: Frenetic, tmp_path: Path
 ) -> None:
     folder = tmp_path / "f"
@@ -201,15 +207,15 @@ def test_search_from_real_roads_drives_each_at_its_own_limit(
     assert 3.6 * fastest > 100.0
     # The record says the same when the campaign is driven again.
     number = next(test.id for test in tests if test.road.speed_limits.tolist() == [[0.0, 120.0]])
-    again = frenetic("drive", folder, number)
-    assert "as in the campaign" in again.out
-    assert limit_of(again.out) == "120 km/h, of the road"
+    repeated = frenetic("drive", folder, number)
+    assert "as in the campaign" in repeated.out
+    assert limit_of(repeated.out) == "120 km/h, of the road"
     scaled = frenetic("rerun", folder, number, "--times", 3, "--vary", "speed", "--json")
     drawn = [drive["conditions"]["speed"] for drive in scaled.json["tests"][0]["drives"]]
     assert all(108.0 <= speed <= 132.0 for speed in drawn)
 
 
-def test_search_from_real_roads_keeps_the_limit_of_the_command_line(
+def test_a_search_from_real_roads_keeps_the_limit_of_the_command_line(
     frenetic: Frenetic, tmp_path: Path
 ) -> None:
     folder = tmp_path / "f"
@@ -225,7 +231,7 @@ def test_search_from_real_roads_keeps_the_limit_of_the_command_line(
             assert 3.6 * float(test.drive.trajectory.speed.max()) <= 61.0
 
 
-def test_search_says_what_it_assumes_where_a_file_has_no_limit(
+def test_a_search_says_which_limit_it_assumes_for_files_without_limit(
     frenetic: Frenetic, tmp_path: Path
 ) -> None:
     (tmp_path / "roads").mkdir()
