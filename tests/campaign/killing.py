@@ -32,15 +32,15 @@ class Blow:
     """When the process is killed."""
 
     kind: Literal["start", "write", "commit", "result"]
-    """After its beginning, in a transaction, in its end, or after a result."""
+    """At the start, at an instruction within a transaction, at a commit, or after a result."""
     number: int = 1
-    """Of the instruction of SQLite within transactions, of the transaction, or of the result."""
+    """Which of these moments, counted from 1."""
     delay: float = 0.0
-    """s after that."""
+    """Time from that moment to the kill, in s."""
 
 
 def exit_code_of(target: Callable[..., object], *arguments: object) -> int | None:
-    """Of a process of its own; it is made as workers are, since the server is the same."""
+    """Exit code of a new process that calls a function; it comes from the server of the workers."""
     context: Any = process_context()
     process = context.Process(target=target, args=arguments, name="campaign")
     process.start()
@@ -56,14 +56,14 @@ def exit_code_of(target: Callable[..., object], *arguments: object) -> int | Non
 def go_on(
     folder: Path, marks: Path, simulations: int, workers: int, max_in_flight: int, blow: Blow | None
 ) -> None:
-    """Runs or resumes a campaign until it ends or the blow comes; each result leaves a byte."""
+    """Run or resume a campaign until it ends or the blow comes; each result appends a byte."""
     if sys.platform == "linux":
         # Forked from this process, which has loaded everything: a server would take a second.
         object_process.process_context = lambda _: multiprocessing.get_context("fork")  # type: ignore
     killer = _Killer(blow)
     sqlite3.connect = killer.connect  # type: ignore[assignment]
     simulator = FaultySimulator(marks)
-    one = campaign(
+    search = campaign(
         folder, simulations, simulator=simulator, workers=workers, max_in_flight=max_in_flight
     )
     reported = os.open(marks / "reported", os.O_WRONLY | os.O_CREAT | os.O_APPEND)
@@ -73,31 +73,33 @@ def go_on(
         killer.count("result")
 
     killer.count("start")
-    (one.resume if (folder / DATABASE).exists() else one.run)(on_event=on_result(report))
+    (search.resume if (folder / DATABASE).exists() else search.run)(on_event=on_result(report))
 
 
-def run_until(place: str, folder: Path, arguments: Sequence[str]) -> None:
-    """Runs a command line in a folder until it calls what is at a place, where it is killed."""
-    from frenetic.cli import main  # which takes a while, and the other campaigns here need none
+def run_until(target: str, folder: Path, arguments: Sequence[str]) -> None:
+    """Run a command line in a folder until it calls the named function, which kills the process."""
+    from frenetic.cli import main  # slow, and used only here
 
     os.chdir(folder)
-    with patch(place, lambda *_, **__: os.kill(os.getpid(), signal.SIGKILL)):
+    with patch(target, lambda *_, **__: os.kill(os.getpid(), signal.SIGKILL)):
         main(list(arguments))
 
 
-def write_refusals(folder: Path, answers: Path) -> None:
-    """Tries to run and to resume a campaign, and writes down a line for each refusal."""
-    one = campaign(folder)
+def write_refusals(folder: Path, file: Path) -> None:
+    """Try to run and to resume a campaign, and write a line for each refusal."""
+    search = campaign(folder)
     refusals = []
-    for go_on in (one.run, one.resume):
+    for start in (search.run, search.resume):
         try:
-            go_on()
+            start()
         except CampaignError as error:
             refusals.append(f"{error}\n")
-    answers.write_text("".join(refusals), encoding="utf-8")
+    file.write_text("".join(refusals), encoding="utf-8")
 
 
 class _Killer:
+    """Counts moments of a campaign, and kills this process at the moment of the blow."""
+
     def __init__(self, blow: Blow | None) -> None:
         self.blow = blow
         self.left = blow.number if blow else 0
@@ -109,7 +111,7 @@ class _Killer:
     def strike(self) -> None:
         self.now.wait()
         assert self.blow is not None
-        # Awake, since these are microseconds.
+        # Busy, since a sleep is too coarse for microseconds.
         until = time.perf_counter() + self.blow.delay
         while time.perf_counter() < until:
             pass
@@ -120,11 +122,11 @@ class _Killer:
             self.left -= 1
             if self.left == 0:
                 if kind == "write":
-                    os.kill(os.getpid(), signal.SIGKILL)  # right here
+                    os.kill(os.getpid(), signal.SIGKILL)  # within the transaction
                 self.now.set()
 
     def connect(self, *arguments: Any, **options: Any) -> sqlite3.Connection:
-        connection = self.open(*arguments, **options, factory=_Hasty)
+        connection = self.open(*arguments, **options, factory=_OftenCheckpointed)
         if self.blow is not None and self.blow.kind == "write":
 
             def instruction() -> int:
@@ -142,8 +144,8 @@ class _Killer:
         return connection
 
 
-class _Hasty(sqlite3.Connection):
-    """Brings what was written into the database itself often, so that a blow may hit that, too."""
+class _OftenCheckpointed(sqlite3.Connection):
+    """Checkpoints every five pages, so that a blow may also hit the database file itself."""
 
     def execute(self, sql: str, *parameters: Any) -> sqlite3.Cursor:
         if "wal_autocheckpoint" in sql:

@@ -1,4 +1,4 @@
-"""What a campaign runs, stores, reports and refuses, in one run and in parts, from Python."""
+"""Campaigns from Python: runs in one go and in parts, broken strategies, options and budgets."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ from frenetic.testing import DummyDriver
         ("frenetic.testing:DummyDriver", Budget(simulations=1000), 3),
     ],
 )
-def test_a_few_compiled_drives_take_one_process(
+def test_few_compiled_drives_use_one_worker_by_default(
     driver: str, budget: Budget, workers: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(defaults, "available_cores", lambda: 3)
@@ -67,7 +67,7 @@ def test_a_few_compiled_drives_take_one_process(
     assert Campaign.of(spec, folder=tmp_path / "c", workers=2).workers == 2
 
 
-class Listed(Scripted):
+class ProposesOnce(Scripted):
     """Proposes each road once."""
 
     def ask(self) -> Candidate:
@@ -76,9 +76,9 @@ class Listed(Scripted):
         return super().ask()
 
 
-def test_a_strategy_that_ends_the_search(tmp_path: Path) -> None:
+def test_a_strategy_may_end_the_search_and_a_longer_one_goes_on(tmp_path: Path) -> None:
     def search(*roads: list[float]) -> Campaign:
-        return scripted(tmp_path, Budget(simulations=3), strategy=Listed(*roads))
+        return scripted(tmp_path, Budget(simulations=3), strategy=ProposesOnce(*roads))
 
     summary = search(STRAIGHT, LOOP, BENT).run()
     assert (summary.simulations, summary.invalid, summary.interrupted) == (2, 1, False)
@@ -95,13 +95,15 @@ def test_a_strategy_that_ends_the_search(tmp_path: Path) -> None:
         assert store.facts["ended"] == ""
 
 
-def test_budget_of_time_ends(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_budget_of_time_ends_the_campaign(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     clock = iter(range(1000))
     monkeypatch.setattr("frenetic.campaign.session.time.perf_counter", lambda: next(clock))
     assert 1 <= scripted(tmp_path, Budget(time=20.0)).run().simulations <= 20
 
 
-def test_the_time_for_compiling_is_not_the_budgets(
+def test_kernels_are_compiled_before_the_time_budget_starts(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     order: list[str] = []
@@ -111,7 +113,7 @@ def test_the_time_for_compiling_is_not_the_budgets(
     assert order[:2] == ["compiled", "started"]
 
 
-def test_campaign_that_only_proposes_refused_roads_gives_up(
+def test_a_campaign_with_invalid_roads_only_gives_up(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("frenetic.campaign.loop.MAX_INVALID_AT_FIRST", 25)
@@ -129,7 +131,7 @@ def test_a_campaign_that_has_driven_waits_longer_for_a_valid_road(
         scripted(tmp_path, Budget(simulations=2), strategy=strategy).run()
 
 
-def test_the_most_frequent_reason_of_refused_roads_is_said_first(
+def test_the_most_frequent_reason_of_refused_roads_comes_first(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("frenetic.campaign.loop.MAX_INVALID_AT_FIRST", 9)
@@ -153,21 +155,21 @@ def test_a_campaign_gives_up_if_its_strategy_wants_no_road(
         scripted(tmp_path, Budget(simulations=1), strategy=Fickle(STRAIGHT)).run()
 
 
-@pytest.mark.parametrize("where", ["ask", "notice"])
-def test_a_strategy_does_not_end_the_program(tmp_path: Path, where: str) -> None:
+@pytest.mark.parametrize("method", ["ask", "notice"])
+def test_sys_exit_in_a_strategy_does_not_end_the_program(tmp_path: Path, method: str) -> None:
     class Leaving(Scripted):
         def ask(self) -> Candidate:
-            return sys.exit(3) if where == "ask" else super().ask()
+            return sys.exit(3) if method == "ask" else super().ask()
 
         @property
         def notice(self) -> str | None:
-            return sys.exit(3) if where == "notice" else None
+            return sys.exit(3) if method == "notice" else None
 
     with refused("the strategy raised SystemExit: 3"):
         scripted(tmp_path, Budget(simulations=2), strategy=Leaving(STRAIGHT)).run()
 
 
-def test_new_folder_is_new(tmp_path: Path) -> None:
+def test_a_new_folder_has_a_new_name(tmp_path: Path) -> None:
     first = new_folder(tmp_path)
     first.mkdir()
     assert new_folder(tmp_path) != first
@@ -178,7 +180,7 @@ def test_an_error_after_a_second_ctrl_c_is_an_interruption(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, presses: int
 ) -> None:
     def compile_with_a_deaf_callback() -> None:
-        """As llvmlite does, whose callbacks cannot raise."""
+        """Swallow Ctrl-C and raise another error, as llvmlite does: its callbacks cannot raise."""
         for _ in range(presses):
             with suppress(KeyboardInterrupt):
                 signal.raise_signal(signal.SIGINT)
@@ -197,7 +199,7 @@ def test_an_error_after_a_second_ctrl_c_is_an_interruption(
 
 
 @pytest.mark.parametrize("max_in_flight", [1, 16])
-def test_parts_give_the_same_campaign_as_one_run(tmp_path: Path, max_in_flight: int) -> None:
+def test_a_campaign_run_in_parts_equals_one_run(tmp_path: Path, max_in_flight: int) -> None:
     def search(name: str) -> Campaign:
         return campaign(tmp_path / name, 20, strategy=Frenetic(seed=1), max_in_flight=max_in_flight)
 
@@ -209,27 +211,27 @@ def test_parts_give_the_same_campaign_as_one_run(tmp_path: Path, max_in_flight: 
     assert contents(tmp_path / "parts") == contents(tmp_path / "whole")
     assert ends[-1].counts_json() == whole.counts_json()
     assert check_campaign(tmp_path / "parts").findings == ()
-    # And so it is resumed, too.
+    # A resumed campaign goes on in the same way.
     assert search("parts").resume().simulations == 20
 
 
-def test_a_campaign_without_a_budget_runs_the_number_of_its_call(
+def test_without_a_budget_run_takes_the_number_of_simulations(
     tmp_path: Path,
 ) -> None:
     search = scripted(tmp_path, None, max_in_flight=16)
     assert [search.run(2).simulations, search.run(3).simulations] == [2, 5]
     assert search.budget == Budget(simulations=5)
-    again = scripted(tmp_path, None, max_in_flight=16)
-    assert again.resume().simulations == 5
-    last = again.run(1)
+    resumed = scripted(tmp_path, None, max_in_flight=16)
+    assert resumed.resume().simulations == 5
+    last = resumed.run(1)
     assert (last.simulations, last.interrupted) == (6, False)
-    again.stop()  # not running: nothing happens
+    resumed.stop()  # not running: nothing happens
     limited = scripted(tmp_path / "limited", Budget(simulations=3, time=1e6))
     assert [limited.run().simulations, limited.run(4).simulations] == [3, 7]
     assert limited.budget == Budget(simulations=7, time=1e6)
 
 
-def test_a_strategy_searches_for_one_campaign(tmp_path: Path) -> None:
+def test_a_strategy_serves_one_campaign_only(tmp_path: Path) -> None:
     first = scripted(tmp_path / "first", None)
     first.run(2)
     second = scripted(tmp_path / "second", None, strategy=first.strategy)
@@ -240,10 +242,10 @@ def test_a_strategy_searches_for_one_campaign(tmp_path: Path) -> None:
         first.resume()
     assert first.run(1).simulations == 3
     assert scripted(tmp_path / "first", Budget(simulations=4)).resume().simulations == 4
-    asked = RandomSearch(seed=1)
-    asked.ask()
+    used_strategy = RandomSearch(seed=1)
+    used_strategy.ask()
     with refused("RandomSearch was asked before"):
-        campaign(tmp_path / "second", strategy=asked).run(1)
+        campaign(tmp_path / "second", strategy=used_strategy).run(1)
 
 
 class TwoAtOnce(InProcessWorker):
@@ -267,7 +269,7 @@ class TwoAtOnce(InProcessWorker):
 def test_an_error_in_a_callback_is_raised_and_loses_nothing(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """What was stored with that test is reported by the next run."""
+    """The next run reports the results that were stored together with the first."""
     monkeypatch.setattr("frenetic.campaign.workers.local.InProcessWorker", TwoAtOnce)
     search = scripted(tmp_path, Budget(simulations=4), max_in_flight=2)
     orders: list[int | None] = []
@@ -285,7 +287,7 @@ def test_an_error_in_a_callback_is_raised_and_loses_nothing(
     assert orders == list(range(1, end.tests + 1))
 
 
-def test_the_best_test_is_the_worst_for_the_driver(tmp_path: Path) -> None:
+def test_best_test_is_the_most_severe_test(tmp_path: Path) -> None:
     search = scripted(tmp_path / "a", None)
     with refused("the folder of a campaign is needed"):
         _ = search.best_test
@@ -302,7 +304,7 @@ def test_the_best_test_is_the_worst_for_the_driver(tmp_path: Path) -> None:
     assert values[other.best_test.id] == end.worst == max(values.values())
 
 
-def test_calls_that_make_no_sense(tmp_path: Path) -> None:
+def test_run_refuses_a_missing_or_wrong_number_of_simulations(tmp_path: Path) -> None:
     search = scripted(tmp_path, None)
     with pytest.raises(ValueError, match=r"has no budget: run\(20\) makes 20 simulations"):
         search.run()
@@ -316,11 +318,11 @@ def test_calls_that_make_no_sense(tmp_path: Path) -> None:
         search.run(1)
 
 
-# Strategies with a defect of their own
+# Broken strategies
 
 
 def nested(levels: int) -> list[Any]:
-    """Lists within each other."""
+    """Lists within each other, so many levels deep."""
     value: list[Any] = []
     for _ in range(levels):
         value = [value]
@@ -328,21 +330,21 @@ def nested(levels: int) -> list[Any]:
 
 
 class Broken(Scripted):
-    """Its fourth proposal is something else, or asks, tells or chooses with an error."""
+    """Breaks at its fourth candidate: it raises in a method, or proposes something else."""
 
-    def __init__(self, where: str = "", proposal: object = None) -> None:
+    def __init__(self, method: str = "", proposal: object = None) -> None:
         super().__init__(STRAIGHT)
-        self.where = where
+        self.method = method
         self.proposal = proposal
 
-    def _break(self, where: str) -> None:
-        if where == self.where and self.asked >= 3:
+    def _break(self, method: str) -> None:
+        if method == self.method and self.asked >= 3:
             raise KeyError("out of\nideas")
 
     def ask(self) -> Candidate:
         self._break("ask")
         candidate = super().ask()
-        if self.asked < 4 or self.where:
+        if self.asked < 4 or self.method:
             return candidate
         if isinstance(self.proposal, dict):
             return replace(candidate, **self.proposal)
@@ -363,14 +365,14 @@ RAISED = r"the strategy raised KeyError: 'out of\nideas'"
 
 
 @pytest.mark.parametrize(
-    ("strategy", "complaint", "results"),
+    ("strategy", "message", "results"),
     [
         (Broken("ask"), RAISED, 3),
         (Broken("tell"), RAISED, 4),
         (Broken("is_wanted"), RAISED, 3),
         *(
-            (Broken(proposal=proposal), f"the strategy proposed {complaint}", 3)
-            for proposal, complaint in [
+            (Broken(proposal=proposal), f"the strategy proposed {message}", 3)
+            for proposal, message in [
                 ("a road", "str instead of frenetic.Candidate"),
                 ({"curvatures": np.zeros((3, 3))}, "candidate 4 with curvatures of shape (3, 3)"),
                 ({"curvatures": [0.0, np.nan]}, "candidate 4 with values that are not finite"),
@@ -397,17 +399,17 @@ RAISED = r"the strategy raised KeyError: 'out of\nideas'"
     ids=lambda value: value if isinstance(value, str) else "",
 )
 def test_a_strategy_that_breaks_ends_the_campaign_with_one_line(
-    tmp_path: Path, strategy: Broken, complaint: str, results: int
+    tmp_path: Path, strategy: Broken, message: str, results: int
 ) -> None:
     with pytest.raises(StrategyError) as caught:
         scripted(tmp_path, Budget(simulations=9), strategy=strategy).run()
-    assert str(caught.value).startswith(complaint)
+    assert str(caught.value).startswith(message)
     with CampaignStore.open(tmp_path) as store:
         assert store.counts().result_count == results
 
 
 class Observing(Scripted, ObservingStrategy):
-    """Keeps where the cars ended."""
+    """Records outcomes, and how many results `tell` had before each."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -471,7 +473,7 @@ def test_options_are_checked_before_anything_is_written(
 
 
 @pytest.mark.parametrize(
-    ("limits", "fault"),
+    ("limits", "message"),
     [
         ({}, "the budget limits nothing: simulations, time or failures has to be given"),
         ({"simulations": 0}, f"simulations is 0: {COUNT} is needed"),
@@ -481,16 +483,16 @@ def test_options_are_checked_before_anything_is_written(
         *(({name: bad}, "") for name, bad in [("simulations", 2.5), ("failures", True)]),
     ],
 )
-def test_a_budget_is_refused_alike_from_python_and_from_a_record(
-    limits: dict[str, Any], fault: str
+def test_a_wrong_budget_is_refused_from_python_and_from_a_record(
+    limits: dict[str, Any], message: str
 ) -> None:
-    with refused(f"^{fault}", ValueError):
+    with refused(f"^{message}", ValueError):
         Budget(**limits)
-    with refused(f"^{fault}", ValueError):
+    with refused(f"^{message}", ValueError):
         decode_budget(limits)
 
 
-def test_the_nearest_limit_of_a_budget_counts() -> None:
+def test_the_largest_spent_share_of_a_budget_counts() -> None:
     budget = Budget(simulations=100, time=50.0, failures=4)
     assert [budget.spent(*spent) for spent in ((10, 1.0, 0), (10, 25.0, 0), (10, 25.0, 3))] == [
         *(0.1, 0.5, 0.75)
@@ -498,7 +500,7 @@ def test_the_nearest_limit_of_a_budget_counts() -> None:
     assert budget.spent(0, 70.0, 0) == 1.0
 
 
-def test_numbers_of_numpy_are_numbers(tmp_path: Path) -> None:
+def test_numbers_of_numpy_give_the_same_campaign(tmp_path: Path) -> None:
     def search(name: str, whole: Callable[..., Any], real: Callable[..., Any]) -> Campaign:
         return Campaign(
             strategy=RandomSearch(seed=whole(1), map_size=real(200)),
@@ -532,16 +534,16 @@ def test_a_campaigns_margin_reaches_a_strategy_without_a_margin(
     assert search(15).run().invalid == 0
     assert search(30).resume().invalid == 0  # and the log replays
 
-    asked = []
+    checked_steps = []
 
     def check(curvatures: FloatArray, step: float) -> bool:
-        asked.append(step)
+        checked_steps.append(step)
         return True
 
     strategy = kind(seed=1, is_valid=check)
     strategy.keep_map_margin(40.0)
     strategy.ask()
-    assert len(asked) == 1
+    assert len(checked_steps) == 1
 
 
 def test_the_configuration_records_parts_and_options(tmp_path: Path) -> None:
@@ -574,25 +576,25 @@ def test_the_configuration_records_parts_and_options(tmp_path: Path) -> None:
         EmbeddedSimulator().drive(Road([0.0, 0.0, 0.0]), Planner()).trajectory,
     ],
 )
-def test_records_stay_read_only_when_they_travel_between_processes(part: object) -> None:
-    again = pickle.loads(pickle.dumps(part))
+def test_pickled_records_stay_read_only(part: object) -> None:
+    unpickled = pickle.loads(pickle.dumps(part))
     for name in ("curvatures", "time", "table"):
         values = getattr(part, name, None)
         if values is not None:
-            assert np.array_equal(getattr(again, name), values)
-            assert not getattr(again, name).flags.writeable
-    assert type(again) is type(part)
+            assert np.array_equal(getattr(unpickled, name), values)
+            assert not getattr(unpickled, name).flags.writeable
+    assert type(unpickled) is type(part)
 
 
-class _Asked(Planner):
+class _PythonPlanner(Planner):
     """The planner as a driver in Python."""
 
     def act(self, observation: Observation) -> Controls:
         return super().act(observation)
 
 
-@pytest.mark.parametrize(("driver", "is_python"), [(_Asked(), True), (Planner(), False)])
-def test_the_time_in_a_drivers_own_code_is_measured(
+@pytest.mark.parametrize(("driver", "is_python"), [(_PythonPlanner(), True), (Planner(), False)])
+def test_the_time_in_a_drivers_python_code_is_measured(
     tmp_path: Path, driver: Driver, *, is_python: bool
 ) -> None:
     summary = Campaign(
@@ -605,7 +607,7 @@ def test_the_time_in_a_drivers_own_code_is_measured(
     assert (0.0 < summary.driver_seconds < summary.drive_seconds) is is_python
 
 
-def test_a_driver_that_takes_most_of_the_time_is_said_to() -> None:
+def test_a_driver_that_takes_most_of_the_time_is_named_slow() -> None:
     slow = Summary(drive_seconds=20.0, driver_seconds=19.0)
     assert slow.slow_driver == "Your driver takes 95 % of the time"
     assert Summary(drive_seconds=20.0, driver_seconds=15.0).slow_driver == ""

@@ -1,4 +1,4 @@
-"""A check finds nothing in what campaigns write, and each kind of damage, whatever it is."""
+"""The check reports nothing for a sound campaign, and a finding for each kind of damage."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ from frenetic.simulators import EmbeddedSimulator
 
 
 def make_campaign(folder: Path, simulations: int, **options: Any) -> Campaign:
-    """One whose tests end in every way but ERROR."""
+    """A campaign with every outcome but ERROR."""
     usual = {
         "strategy": Frenetic2021(seed=3, max_redraws=0),
         "simulator": EmbeddedSimulator(),
@@ -40,20 +40,20 @@ def make_campaign(folder: Path, simulations: int, **options: Any) -> Campaign:
 
 
 @pytest.fixture(scope="module")
-def sound(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def sound_campaign(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("sound") / "c"
     make_campaign(folder, 80).run()
     return folder
 
 
 @pytest.fixture
-def folder(sound: Path, tmp_path: Path) -> Path:
+def folder(sound_campaign: Path, tmp_path: Path) -> Path:
     """A copy of the sound campaign, to be damaged."""
-    return Path(shutil.copytree(sound, tmp_path / "c"))
+    return Path(shutil.copytree(sound_campaign, tmp_path / "c"))
 
 
-def expect(folder: Path, text: str) -> None:
-    """The check has such a finding, and each is one line."""
+def require_finding(folder: Path, text: str) -> None:
+    """Require that a finding of the check holds the text, and that each finding is one line."""
     findings = check_campaign(folder).findings
     assert any(text in finding for finding in findings), findings
     assert all("\n" not in finding for finding in findings)
@@ -65,7 +65,7 @@ def restore(folder: Path, whole: bytes) -> None:
     (folder / DATABASE).write_bytes(whole)
 
 
-def test_nothing_is_found_in_a_sound_campaign_and_nothing_changed(folder: Path) -> None:
+def test_the_check_of_a_sound_campaign_reports_and_changes_nothing(folder: Path) -> None:
     before = (folder / DATABASE).read_bytes()
     report = check_campaign(folder)
     assert (folder / DATABASE).read_bytes() == before
@@ -89,8 +89,8 @@ def test_a_campaign_is_sound_while_it_runs(tmp_path: Path) -> None:
     campaign(tmp_path, 10).run(on_event=on_result(look))
 
 
-def damaged(data: bytes, kind: int, rng: random.Random) -> bytes:
-    """A database without its end, without its header, or with flipped bits."""
+def with_damage(data: bytes, kind: int, rng: random.Random) -> bytes:
+    """A database without its end (kind 0), without its header (1), or with flipped bits."""
     whole = bytearray(data)
     if kind == 0:
         del whole[rng.randrange(len(whole)) :]
@@ -104,15 +104,15 @@ def damaged(data: bytes, kind: int, rng: random.Random) -> bytes:
 
 
 @pytest.mark.endurance
-def test_each_reader_of_damage_gets_one_line_and_writes_nothing(
+def test_a_damaged_database_is_refused_in_one_line_and_not_written(
     tmp_path: Path, endurance: bool
 ) -> None:
     make_campaign(tmp_path, 12).run()
     whole, before = (tmp_path / DATABASE).read_bytes(), (everything(tmp_path), contents(tmp_path))
-    rng, found = random.Random(5), 0
+    rng, damaged_files = random.Random(5), 0
     for number in range(300 if endurance else 30):
         kind = number % 10
-        data = damaged(whole, kind, rng)
+        data = with_damage(whole, kind, rng)
         restore(tmp_path, data)
         with refused("already holds a campaign"):
             make_campaign(tmp_path, 13).run()
@@ -120,17 +120,17 @@ def test_each_reader_of_damage_gets_one_line_and_writes_nothing(
             is_damaged = bool(check_campaign(tmp_path).findings)
         except CampaignError:
             is_damaged = True
-        found += is_damaged
+        damaged_files += is_damaged
         if is_damaged and kind < 2:
             with refused():
                 make_campaign(tmp_path, 13).resume()
         elif not is_damaged:
             assert (everything(tmp_path), contents(tmp_path)) == before
         assert (tmp_path / DATABASE).read_bytes() == data
-    assert found > 10
+    assert damaged_files > 10
 
 
-def test_results_in_a_log_that_was_not_copied_are_missed(tmp_path: Path) -> None:
+def test_results_in_a_write_ahead_log_that_was_not_copied_are_missed(tmp_path: Path) -> None:
     folder, copied = tmp_path / "c", tmp_path / "copy"
     copied.mkdir()
     readers: list[CampaignStore] = []
@@ -144,9 +144,11 @@ def test_results_in_a_log_that_was_not_copied_are_missed(tmp_path: Path) -> None
     for name in (DATABASE, "campaign.log"):
         shutil.copy(folder / name, copied)
     readers[0].close()
-    expect(copied, f"the last ones are lost; was {DATABASE} copied without {DATABASE}-wal?")
+    require_finding(
+        copied, f"the last ones are lost; was {DATABASE} copied without {DATABASE}-wal?"
+    )
     (copied / "campaign.log").unlink()
-    assert not check_campaign(copied).findings  # nothing tells of more
+    assert not check_campaign(copied).findings  # no other file counts the results
 
 
 @pytest.mark.parametrize(
@@ -167,25 +169,25 @@ def test_results_in_a_log_that_was_not_copied_are_missed(tmp_path: Path) -> None
         ),
     ],
 )
-def test_missing_rows_are_found(folder: Path, change: str, text: str) -> None:
+def test_missing_rows_are_findings(folder: Path, change: str, text: str) -> None:
     execute(folder, change)
-    expect(folder, text)
+    require_finding(folder, text)
     if "30" in change:
         with refused("is damaged: it holds"):
             make_campaign(folder, 100).resume()
 
 
-def test_damage_that_no_reader_meets(folder: Path) -> None:
+def test_damage_that_readers_never_read_is_a_finding(folder: Path) -> None:
     with CampaignStore.open(folder, readonly=False) as store:
         last = len(list(store.candidates())) + 1
         store.add_candidate(replace(store.candidate(1), id=last))
     assert not check_campaign(folder).findings
     execute(folder, "UPDATE test SET parents = '[1.5]' WHERE id = ?", last)
-    expect(folder, f"candidate {last}: ")
+    require_finding(folder, f"candidate {last}: ")
     whole = bytearray((folder / DATABASE).read_bytes())
     whole[39] ^= 1  # number of free pages
     restore(folder, bytes(whole))
-    expect(folder, "SQLite says: ")
+    require_finding(folder, "SQLite says: ")
 
 
 @pytest.mark.parametrize(
@@ -196,7 +198,7 @@ def test_damage_that_no_reader_meets(folder: Path) -> None:
         (lambda config: config["car"].update(width="wide"), "at `$.car.width`"),
     ],
 )
-def test_faults_of_the_configuration(
+def test_a_wrong_configuration_is_a_finding(
     folder: Path, change: Callable[[dict[str, Any]], object], text: str
 ) -> None:
     with closing(sqlite3.connect(folder / DATABASE)) as connection:
@@ -204,7 +206,7 @@ def test_faults_of_the_configuration(
         config = json.loads(connection.execute(select).fetchone()[0])
     change(config)
     execute(folder, "UPDATE fact SET value = ? WHERE name = 'config'", json.dumps(config))
-    expect(folder, text)
+    require_finding(folder, text)
 
 
 def run(*arguments: str) -> int:
@@ -214,7 +216,9 @@ def run(*arguments: str) -> int:
     return stop.value.code
 
 
-def test_command(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_command_prints_20_findings_and_exits_1(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     assert run(str(folder)) == 0
     assert "nothing is wrong" in capsys.readouterr().out
     execute(folder, "UPDATE test SET seconds = -1.0 WHERE result_number <= 23")

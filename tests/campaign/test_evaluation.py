@@ -1,4 +1,4 @@
-"""Asking and telling by hand, as a campaign does it."""
+"""`evaluate`: a loop written by hand gives a strategy the same evaluations as a campaign."""
 
 from __future__ import annotations
 
@@ -21,8 +21,8 @@ SIMULATIONS = 40
 DRIVER = frenetic.Planner(aggression=1.1)
 
 
-def by_hand(strategy: frenetic.Strategy) -> list[Evaluation]:
-    """What a loop of one's own tells."""
+def search_by_hand(strategy: frenetic.Strategy) -> list[Evaluation]:
+    """Evaluations of a search without a campaign."""
     simulator = frenetic.EmbeddedSimulator()
     evaluations: list[Evaluation] = []
     driven = 0
@@ -37,7 +37,7 @@ def by_hand(strategy: frenetic.Strategy) -> list[Evaluation]:
     return evaluations
 
 
-def test_asking_and_telling_by_hand_gives_the_evaluations_of_a_campaign(tmp_path: Path) -> None:
+def test_a_loop_by_hand_gives_the_evaluations_of_a_campaign(tmp_path: Path) -> None:
     campaign = Campaign(
         strategy=frenetic.Frenetic2021(seed=4),
         simulator=frenetic.EmbeddedSimulator(),
@@ -46,7 +46,7 @@ def test_asking_and_telling_by_hand_gives_the_evaluations_of_a_campaign(tmp_path
         folder=tmp_path / "c",
     )
     campaign.run()
-    evaluations = by_hand(frenetic.Frenetic2021(seed=4))
+    evaluations = search_by_hand(frenetic.Frenetic2021(seed=4))
     with CampaignStore.open(tmp_path / "c") as store:
         records = list(store.tests(with_trajectory=True))
     assert len(records) == len(evaluations)
@@ -72,8 +72,9 @@ def test_an_evaluation_has_a_moobd_only_after_a_whole_drive() -> None:
         candidate, road, frenetic.Drive(drive.trajectory, trouble=Trouble("it broke"))
     )
     assert (broken.outcome, broken.moobd, broken.trace) == (Outcome.ERROR, None, None)
-    beyond = DummySimulator(lambda road: 4.0).drive(road, DRIVER)  # it goes on after it failed
-    failed, time = evaluate(candidate, road, beyond), beyond.trajectory.time
+    # This drive goes on after the failure.
+    long_drive = DummySimulator(lambda road: 4.0).drive(road, DRIVER)
+    failed, time = evaluate(candidate, road, long_drive), long_drive.trajectory.time
     assert failed.trace is not None
     assert failed.duration is not None
     assert len(failed.trace.distance) == (time < failed.duration + 0.01).sum() < len(time)
@@ -86,7 +87,7 @@ def test_an_evaluation_has_a_moobd_only_after_a_whole_drive() -> None:
         evaluate(candidate, road, drive, objective="nothing")
 
 
-def test_the_worst_place_is_the_findings_or_the_lowest_moobds() -> None:
+def test_the_place_of_a_failure_is_its_finding_and_otherwise_the_lowest_moobd() -> None:
     candidate = Candidate(1, np.zeros(20), 10.0, Origin("mine"))
     passed = Evaluation(candidate, Outcome.PASS, 0.5, 0.1, worst_place=40.0)
     departure = Finding.departure("left", 87.0)

@@ -1,4 +1,4 @@
-"""Whole campaigns on a bad day: faults, kills, full disks, removed files, Ctrl-C."""
+"""Whole campaigns under faults: kills, forks, full disks, moved and deleted folders, Ctrl-C."""
 
 from __future__ import annotations
 
@@ -47,8 +47,8 @@ def stored(folder: Path) -> int:
         return store.counts().result_count
 
 
-def test_forks_of_strategies_leave_no_trace(tmp_path: Path, marks: Marks) -> None:
-    """They would go on with the campaign, and share its database."""
+def test_processes_that_a_strategy_forks_change_nothing(tmp_path: Path, marks: Marks) -> None:
+    """Such forks would go on with the campaign, and share its database."""
     search = campaign(tmp_path, strategy=Forking(marks.folder, 8, 9), simulations=6)
     assert search.run().passed == 6
     assert len(marks.pids()) >= 6
@@ -56,14 +56,14 @@ def test_forks_of_strategies_leave_no_trace(tmp_path: Path, marks: Marks) -> Non
     assert check_campaign(tmp_path).findings == ()
 
 
-def test_a_second_process_is_refused(tmp_path: Path) -> None:
+def test_a_second_process_can_neither_run_nor_resume_a_running_campaign(tmp_path: Path) -> None:
     answers: list[str] = []
 
     def try_elsewhere(progress: object) -> None:
         if not answers:
-            said = tmp_path / "said"
-            assert killing.exit_code_of(killing.write_refusals, tmp_path / "c", said) == 0
-            answers.extend(said.read_text(encoding="utf-8").splitlines())
+            answer_file = tmp_path / "said"
+            assert killing.exit_code_of(killing.write_refusals, tmp_path / "c", answer_file) == 0
+            answers.extend(answer_file.read_text(encoding="utf-8").splitlines())
 
     for name, report in (("c", try_elsewhere), ("alone", print)):
         search = scripted(tmp_path / name, Budget(simulations=9))
@@ -80,14 +80,14 @@ def test_a_second_process_is_refused(tmp_path: Path) -> None:
 @pytest.mark.heavy
 @posix_only
 def test_a_full_disk_loses_nothing_and_the_campaign_goes_on(tmp_path: Path) -> None:
-    """It is a file system of its own."""
+    """The campaign writes to a small file system of memory."""
     (folder := tmp_path / "disk").mkdir()
     mount = f"mount -t tmpfs -o size=64m none '{folder}'"
-    apart = ["unshare", "-rm", "sh", "-c"]
-    if not shutil.which("unshare") or subprocess.run([*apart, mount], check=False).returncode:
+    unshared = ["unshare", "-rm", "sh", "-c"]
+    if not shutil.which("unshare") or subprocess.run([*unshared, mount], check=False).returncode:
         pytest.skip("no file system can be mounted here")
     done = subprocess.run(
-        [*apart, f'{mount} && exec "$@"', "sh", sys.executable, small_disk.__file__, folder],
+        [*unshared, f'{mount} && exec "$@"', "sh", sys.executable, small_disk.__file__, folder],
         capture_output=True,
         text=True,
         check=False,
@@ -106,7 +106,7 @@ def test_a_full_disk_loses_nothing_and_the_campaign_goes_on(tmp_path: Path) -> N
 
 @posix_only
 @pytest.mark.parametrize("deed", ["moved", "its parent moved", "moved and replaced"])
-def test_results_of_a_folder_that_was_moved_stand_at_its_new_place(
+def test_a_moved_folder_ends_the_campaign_which_is_resumed_at_the_new_place(
     deed: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("frenetic.campaign.loop.PROGRESS_INTERVAL", 0.0)
@@ -141,7 +141,7 @@ def test_results_of_a_folder_that_was_moved_stand_at_its_new_place(
 
 @posix_only
 @pytest.mark.parametrize("deed", ["folder", "replaced folder", "database", "replaced database"])
-def test_a_folder_or_database_that_is_deleted_ends_the_campaign_and_stays_so(
+def test_a_deleted_folder_or_database_ends_the_campaign_and_is_not_made_again(
     deed: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("frenetic.campaign.loop.PROGRESS_INTERVAL", 0.0)
@@ -170,7 +170,7 @@ def test_a_folder_or_database_that_is_deleted_ends_the_campaign_and_stays_so(
     if "folder" in deed:
         assert list(tmp_path.rglob("*")) == ([folder] if deed == "replaced folder" else [])
         return
-    (tmp_path / "elsewhere").replace(folder / DATABASE)  # as the message says
+    (tmp_path / "elsewhere").replace(folder / DATABASE)  # as the message advises
     assert stored(folder) >= 5
 
 
@@ -178,7 +178,7 @@ def test_a_folder_or_database_that_is_deleted_ends_the_campaign_and_stays_so(
 
 
 class Running:
-    """A ``frenetic run`` in a group of its own, as a terminal starts it."""
+    """A `frenetic run` in its own process group, as a terminal starts it."""
 
     def __init__(
         self,
@@ -224,8 +224,8 @@ class Running:
         if until_noticed:
             self.until(lambda: "Finishing what runs" in self.err.read_text(), "it is noticed")
 
-    def ends(self, code: int = 130) -> None:
-        """It ends so, with all that it started, and leaves a sound campaign, if any."""
+    def require_end(self, code: int = 130) -> None:
+        """Require the exit code, the end of all started processes, and a sound campaign, if any."""
         assert self.process.wait(0.5 * LIMIT) == code, self.err.read_text()
         until_gone({*self.family, *self.marks.pids()})
         assert "Traceback" not in self.err.read_text()
@@ -240,26 +240,26 @@ def test_ctrl_c_lets_running_tests_finish(tmp_path: Path, marks: Marks) -> None:
         running.until_marks("driving")
         running.press_ctrl_c()
         marks.make("go")
-        running.ends()
-    # Five, the two that waited, and what quick workers had got ahead of time.
+        running.require_end()
+    # Five, the two that waited, and the candidates that quick workers had in advance.
     results = stored(running.folder)
     assert 7 <= results <= 5 + 2 * AHEAD
     assert f"Interrupted: {results} simulations" in running.out.read_text()
     assert events(running.folder)[-1]["event"] == "interrupted"
-    assert len(marks.numbers("end")) == 2  # the simulators were ended in peace
+    assert len(marks.numbers("end")) == 2  # both simulators were closed
 
 
 @pytest.mark.heavy
 @posix_only
-def test_ctrl_c_twice_leaves_at_once_and_loses_nothing(tmp_path: Path, marks: Marks) -> None:
+def test_ctrl_c_twice_ends_at_once_and_loses_no_result(tmp_path: Path, marks: Marks) -> None:
     with Running(tmp_path, marks, "after=5", "deed=start_process") as running:
         running.until_marks("driving")
-        running.until_marks("pid", 4)  # with those that the drivers started
-        # Five, but for those that were asked after the road on which a slow starter waits.
+        running.until_marks("pid", 4)  # with the processes that the drivers started
+        # Five or fewer: results after a road on which a slow worker waits are not stored.
         before = stored(running.folder)
         running.press_ctrl_c()
         running.press_ctrl_c(until_noticed=False)
-        running.ends()
+        running.require_end()
     results = stored(running.folder)
     assert before <= results <= 5
     assert f"Interrupted: {results} simulation" in running.out.read_text()
@@ -267,11 +267,11 @@ def test_ctrl_c_twice_leaves_at_once_and_loses_nothing(tmp_path: Path, marks: Ma
 
 @pytest.mark.heavy
 @posix_only
-def test_ctrl_c_while_simulators_start(tmp_path: Path, marks: Marks) -> None:
+def test_ctrl_c_while_simulators_start_stores_nothing(tmp_path: Path, marks: Marks) -> None:
     with Running(tmp_path, marks, "at=starting") as running:
         running.until_marks("starting")
         running.press_ctrl_c(until_noticed=False)
-        running.ends()
+        running.require_end()
     assert stored(running.folder) == 0
 
 
@@ -280,13 +280,13 @@ def test_ctrl_c_while_simulators_start(tmp_path: Path, marks: Marks) -> None:
 @pytest.mark.parametrize(
     ("simulator", "presses", "loaded"), [("embedded", 2, "numpy"), ("", 1, "python")]
 )
-def test_ctrl_c_while_the_server_of_the_workers_starts(
+def test_ctrl_c_while_the_server_of_the_workers_starts_stores_nothing(
     tmp_path: Path, marks: Marks, simulator: str, presses: int, loaded: str
 ) -> None:
-    """With numpy loaded, or as soon as it is there."""
+    """The server has loaded numpy, or has just started."""
 
     def server_is_there() -> bool:
-        """With what it loads on its way."""
+        """Whether the server runs and has loaded the named library."""
         for child in descendants(running.process.pid):
             try:
                 line = Path(f"/proc/{child}/cmdline").read_bytes()
@@ -301,28 +301,28 @@ def test_ctrl_c_while_the_server_of_the_workers_starts(
         running.until(server_is_there, "the server starts")
         for number in range(presses):
             running.press_ctrl_c(until_noticed=number < presses - 1)
-        running.ends()
+        running.require_end()
     assert stored(running.folder) == 0
 
 
 @pytest.mark.heavy
 @posix_only
-def test_workers_of_a_killed_campaign_end_with_all_they_started(
+def test_workers_of_a_killed_campaign_end_with_the_processes_that_they_started(
     tmp_path: Path, marks: Marks
 ) -> None:
-    """On Linux also those that are held by compiled code."""
+    """Also workers in compiled code."""
     with Running(tmp_path, marks, "after=4", "deed=start_process_and_hang") as running:
         running.until_marks("driving")
         running.until_marks("pid", 4)
         before = stored(running.folder)
         assert all(is_running(pid) for pid in marks.pids())
         running.process.kill()
-        running.ends(-signal.SIGKILL)
+        running.require_end(-signal.SIGKILL)
     assert before <= stored(running.folder) <= 4
 
 
 @pytest.mark.parametrize("statement", range(1, 12))
-def test_a_second_ctrl_c_within_a_write_loses_nothing(
+def test_a_second_ctrl_c_within_a_write_loses_no_result(
     tmp_path: Path, breaking: type[Breaking], statement: int
 ) -> None:
     reported: list[int] = []
@@ -342,7 +342,7 @@ def test_a_second_ctrl_c_within_a_write_loses_nothing(
     assert contents(tmp_path / "c") == contents(tmp_path / "whole")
 
 
-# What a command says and leaves
+# Commands after a fault
 
 
 def command(*words: str) -> int:
@@ -356,7 +356,7 @@ def command(*words: str) -> int:
 RUN = ("run", "--simulations", "40", "--seed", "3", "--workers", "1")
 
 
-def test_a_full_disk_says_what_is_stored_and_the_command_that_goes_on(
+def test_after_a_full_disk_run_prints_the_stored_results_and_the_command_that_goes_on(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.chdir(tmp_path)
@@ -377,18 +377,18 @@ def test_a_full_disk_says_what_is_stored_and_the_command_that_goes_on(
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="a process kills itself by a POSIX signal")
-def test_a_campaign_killed_after_its_last_result_is_finished(
+def test_resume_finishes_a_campaign_that_was_killed_after_its_last_result(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    place = "frenetic.campaign.store.CampaignStore.finish"
+    target = "frenetic.campaign.store.CampaignStore.finish"
     run = (*RUN, "--simulations", "5", "--out", "c")
-    assert killing.exit_code_of(killing.run_until, place, tmp_path, run) == -signal.SIGKILL
+    assert killing.exit_code_of(killing.run_until, target, tmp_path, run) == -signal.SIGKILL
     monkeypatch.chdir(tmp_path)
-    left, page = contents(Path("c")), Path("c/report.html")
+    before, page = contents(Path("c")), Path("c/report.html")
     assert command("report", "c") == 0
     page.unlink()
     assert command("resume", "c", "--workers", "1") == 0
-    assert contents(Path("c")) == left
+    assert contents(Path("c")) == before
     assert page.is_file()
     assert command("check", "c") == 0
     assert command("resume", "c") == 2

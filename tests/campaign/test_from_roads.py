@@ -30,14 +30,14 @@ COUNT = 4
 SIMULATIONS = 40
 
 
-def drawn(road_class: RoadClass, count: int, seed: int = 1) -> list[Road]:
+def random_roads(road_class: RoadClass, count: int, seed: int = 1) -> list[Road]:
     """Random roads of a class."""
     rng = np.random.default_rng(seed)
     roads = RandomRoads(map_size=road_class.map_size, road_class=road_class)
-    stretches = []
+    roads_of_class = []
     for _ in range(count):
         values = roads.draw(rng)
-        stretches.append(
+        roads_of_class.append(
             Road(
                 values,
                 road_class.step,
@@ -46,23 +46,23 @@ def drawn(road_class: RoadClass, count: int, seed: int = 1) -> list[Road]:
                 grade=() if (grade := roads.grade(rng, values)) is None else grade,
             )
         )
-    return stretches
+    return roads_of_class
 
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Roads of a class as files."""
-    place = tmp_path_factory.mktemp("real") / "roads"
-    place.mkdir()
-    for i, road in enumerate(drawn(RoadClass.of("rural-80", {"length": 800}), COUNT)):
-        (place / f"road{i}.json").write_text(json.dumps(entries_of(road)))
-    return place
+    roads_folder = tmp_path_factory.mktemp("real") / "roads"
+    roads_folder.mkdir()
+    for i, road in enumerate(random_roads(RoadClass.of("rural-80", {"length": 800}), COUNT)):
+        (roads_folder / f"road{i}.json").write_text(json.dumps(entries_of(road)))
+    return roads_folder
 
 
-def from_roads(place: Path, folder: Path, *, simulations: int = SIMULATIONS) -> Campaign:
+def search_from_roads(out: Path, folder: Path, *, simulations: int = SIMULATIONS) -> Campaign:
     shown = shown_class(folder)
     return campaign(
-        place,
+        out,
         simulations,
         strategy=Frenetic(seed=3, road_class=shown),
         driver=Planner(aggression=1.3),
@@ -74,7 +74,7 @@ def from_roads(place: Path, folder: Path, *, simulations: int = SIMULATIONS) -> 
 @pytest.mark.parametrize("name", ["urban-50", "rural-80", "rural-100", "motorway-130"])
 def test_the_shown_class_is_no_wider_than_the_roads_class(name: str) -> None:
     road_class = RoadClass.of(name)
-    roads = {str(i): road for i, road in enumerate(drawn(road_class, 30))}
+    roads = {str(i): road for i, road in enumerate(random_roads(road_class, 30))}
     shown = class_of(roads, "shown")
     assert all(shown.breach(road) == "" for road in roads.values())
     for rule in ("min_radius", "min_clothoid", "min_crest", "min_sag"):
@@ -118,23 +118,23 @@ def test_long_roads_are_cut_and_short_ones_left_out() -> None:
     assert max(road.length for road in stretches.values()) <= 3000.0
 
 
-def test_the_search_drives_them_first_and_stays_in_their_class(
+def test_the_search_drives_the_real_roads_first_and_keeps_their_class(
     tmp_path: Path, folder: Path
 ) -> None:
-    from_roads(tmp_path / "out", folder).run()
+    search_from_roads(tmp_path / "out", folder).run()
     shown = shown_class(folder)
     with CampaignStore.open(tmp_path / "out") as store:
         tests = list(store.tests())
         first = tests[:COUNT]
         assert [test.candidate.origin.operator for test in first] == [GIVEN] * COUNT
-        real_roads = drawn(RoadClass.of("rural-80", {"length": 800}), COUNT)
+        real_roads = random_roads(RoadClass.of("rural-80", {"length": 800}), COUNT)
         for i, (test, road) in enumerate(zip(first, real_roads, strict=True)):
             assert np.array_equal(test.road.curvatures, road.curvatures)
             assert np.array_equal(test.road.grade, road.grade)
             assert np.array_equal(test.road.superelevation, road.superelevation)
             assert test.candidate.notes[GIVEN] == str(folder / f"road{i}.json")
-        made_of = {parent for test in tests for parent in test.candidate.origin.parents}
-        assert made_of & set(range(1, COUNT + 1))
+        parents = {parent for test in tests for parent in test.candidate.origin.parents}
+        assert parents & set(range(1, COUNT + 1))
         for test in tests:
             assert shown.breach(test.road) == ""
 
@@ -144,29 +144,34 @@ def test_a_resumed_search_is_the_same_without_the_files(tmp_path: Path, folder: 
     copy.mkdir()
     for file in folder.iterdir():
         (copy / file.name).write_bytes(file.read_bytes())
-    from_roads(tmp_path / "whole", copy).run()
-    half = from_roads(tmp_path / "half", copy)
+    search_from_roads(tmp_path / "whole", copy).run()
+    half = search_from_roads(tmp_path / "half", copy)
     half.run(12)
-    again = from_roads(tmp_path / "half", copy)
+    resumed = search_from_roads(tmp_path / "half", copy)
     for file in copy.iterdir():
         file.unlink()
-    again.resume()
-    with CampaignStore.open(tmp_path / "whole") as whole, CampaignStore.open(again.folder) as other:
+    resumed.resume()
+    with (
+        CampaignStore.open(tmp_path / "whole") as whole,
+        CampaignStore.open(resumed.folder) as other,
+    ):
         whole_tests, resumed_tests = list(whole.tests()), list(other.tests())
     assert [test.outcome for test in whole_tests] == [test.outcome for test in resumed_tests]
     for test, same in zip(whole_tests, resumed_tests, strict=True):
         assert np.array_equal(test.candidate.curvatures, same.candidate.curvatures)
 
 
-def test_the_command_keeps_to_the_class_and_its_file_says_so(
+def test_the_command_and_its_campaign_file_keep_the_class_of_the_roads(
     frenetic: Command, tmp_path: Path, folder: Path
 ) -> None:
     words = ["run", "--from-roads", str(folder), "--seed", "1", "--simulations", "6"]
-    ended = frenetic(*words, "--out", str(tmp_path / "out"))
-    assert ended.code == 0, ended.out
-    assert f"starts from {folder}: {COUNT} stretches of {COUNT} real roads" in ended.err
-    again = frenetic("run", str(tmp_path / "out" / "campaign.toml"), "--out", str(tmp_path / "b"))
-    assert again.code == 0, again.out
+    answer = frenetic(*words, "--out", str(tmp_path / "out"))
+    assert answer.code == 0, answer.out
+    assert f"starts from {folder}: {COUNT} stretches of {COUNT} real roads" in answer.err
+    repeated = frenetic(
+        "run", str(tmp_path / "out" / "campaign.toml"), "--out", str(tmp_path / "b")
+    )
+    assert repeated.code == 0, repeated.out
     with CampaignStore.open(tmp_path / "out") as out, CampaignStore.open(tmp_path / "b") as other:
         assert out.setting.road_class == other.setting.road_class == shown_class(folder)
         assert [test.outcome for test in out.tests()] == [test.outcome for test in other.tests()]
@@ -177,39 +182,39 @@ def test_the_command_keeps_to_the_class_and_its_file_says_so(
 def test_unreadable_files_are_named_with_their_reason(
     frenetic: Command, tmp_path: Path, folder: Path
 ) -> None:
-    place = tmp_path / "roads"
-    shutil.copytree(folder, place)
-    (place / "broken.xodr").write_text("<a/>")
-    (place / "empty.json").write_text("{}")
-    ended = frenetic(
-        *("run", "--from-roads", str(place), "--seed", "1", "--simulations", "5"),
+    roads = tmp_path / "roads"
+    shutil.copytree(folder, roads)
+    (roads / "broken.xodr").write_text("<a/>")
+    (roads / "empty.json").write_text("{}")
+    answer = frenetic(
+        *("run", "--from-roads", str(roads), "--seed", "1", "--simulations", "5"),
         *("--out", str(tmp_path / "out")),
     )
-    assert ended.code == 0, ended.err
-    assert f"{COUNT} real roads, 2 could not be read" in ended.err
-    assert f"left out: {place / 'broken.xodr'} cannot be read as OpenDRIVE: it is XML" in ended.err
-    assert f"left out: {place / 'empty.json'} has neither 'curvatures'" in ended.err
+    assert answer.code == 0, answer.err
+    assert f"{COUNT} real roads, 2 could not be read" in answer.err
+    assert f"left out: {roads / 'broken.xodr'} cannot be read as OpenDRIVE: it is XML" in answer.err
+    assert f"left out: {roads / 'empty.json'} has neither 'curvatures'" in answer.err
     for i in range(20):
-        (place / f"more{i:02}.json").write_text("{}")
-    again = from_roads(tmp_path / "many", place)
-    again.run(1)
-    assert again.notes[-1] == "left out: 12 more"
-    assert len(again.notes) == 12
+        (roads / f"more{i:02}.json").write_text("{}")
+    search = search_from_roads(tmp_path / "many", roads)
+    search.run(1)
+    assert search.notes[-1] == "left out: 12 more"
+    assert len(search.notes) == 12
 
 
-def test_with_a_class_the_roads_are_fitted_to_it(
+def test_real_roads_are_fitted_to_a_class_that_is_named(
     frenetic: Command, tmp_path: Path, folder: Path
 ) -> None:
     words = ["run", "--from-roads", str(folder), "--roads", "rural-100", "--seed", "1"]
-    ended = frenetic(*words, "--simulations", "6", "--out", str(tmp_path / "out"))
-    assert ended.code == 0, ended.out
+    answer = frenetic(*words, "--simulations", "6", "--out", str(tmp_path / "out"))
+    assert answer.code == 0, answer.out
     with CampaignStore.open(tmp_path / "out") as store:
         for test in store.tests():
             assert RoadClass.of("rural-100").breach(test.road) == ""
 
 
 @pytest.mark.parametrize(
-    ("words", "said"),
+    ("words", "message"),
     [
         (["--from-roads", "nowhere"], "nowhere"),
         (["--from-roads", ".", "--strategy", "random"], "starts from no earlier campaign or real"),
@@ -218,18 +223,22 @@ def test_with_a_class_the_roads_are_fitted_to_it(
     ],
 )
 def test_folders_without_usable_roads_are_refused(
-    frenetic: Command, words: list[str], said: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    frenetic: Command,
+    words: list[str],
+    message: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.chdir(tmp_path)
     Path("empty").mkdir()
     Path("short").mkdir()
     Path("short/road.json").write_text(json.dumps({"curvatures": [0.0, 0.0]}))
     Path("road.json").write_text(json.dumps({"curvatures": [0.0] * 20}))
-    ended = frenetic("run", *words, "--simulations", "3", "--out", "out")
-    assert ended.refuses(said), ended.err
+    answer = frenetic("run", *words, "--simulations", "3", "--out", "out")
+    assert answer.refuses(message), answer.err
     assert not Path("out").exists()
 
 
-def test_a_strategy_without_start_is_refused() -> None:
+def test_a_strategy_that_takes_no_roads_is_refused() -> None:
     with pytest.raises(ValueError, match="real road"):
         campaign(Path("out"), strategy=RandomSearch(seed=1), from_roads="roads")

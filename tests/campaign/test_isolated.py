@@ -1,4 +1,4 @@
-"""Drives in a process of their own: the same drives, and whose a lost process is."""
+"""Drives in another process: the results are the same, and a lost process has a culprit."""
 
 from __future__ import annotations
 
@@ -79,7 +79,7 @@ class PythonPlanner(Planner):
 
 
 class Faulty(PythonPlanner):
-    """Faults strike at the beginning of its drives."""
+    """A driver that strikes its faults when a drive begins."""
 
     def __init__(self, faults: Sequence[Fault]) -> None:
         super().__init__()
@@ -91,8 +91,8 @@ class Faulty(PythonPlanner):
             fault.strike()
 
 
-class Watching(PythonPlanner):
-    """A driver during whose drives no kernel may be compiled or loaded."""
+class RequiresReadyKernels(PythonPlanner):
+    """A driver that fails if a kernel is compiled or loaded during its drive."""
 
     def reset(self, setup: DriveSetup) -> None:
         self.ready = ready_kernels()
@@ -105,7 +105,7 @@ class Watching(PythonPlanner):
 
 
 def ready_kernels() -> set[tuple[str, str]]:
-    """Name and arguments of each kernel that has its machine code."""
+    """Name and argument types of each kernel whose machine code is loaded."""
     kernels = [value for value in gc.get_objects() if isinstance(value, CPUDispatcher)]
     return {
         (kernel.py_func.__name__, str(arguments))
@@ -114,8 +114,8 @@ def ready_kernels() -> set[tuple[str, str]]:
     }
 
 
-def test_a_campaign_is_the_same_bit_for_bit(tmp_path: Path) -> None:
-    """Each proposal knows the result before it, as without a process of its own."""
+def test_a_campaign_in_another_process_is_the_same_bit_for_bit(tmp_path: Path) -> None:
+    """The strategy knows each result before its next proposal, in either process."""
     driver = Delayed(PythonPlanner(), seconds=0.1)
     for name, isolate in (("apart", True), ("here", False)):
         parts = {"simulator": EmbeddedSimulator(), "driver": driver, "isolate": isolate}
@@ -129,9 +129,9 @@ def test_a_campaign_is_the_same_bit_for_bit(tmp_path: Path) -> None:
         assert {test.outcome for test in apart.tests()} >= {Outcome.PASS, Outcome.FAIL}
 
 
-def test_no_kernel_is_loaded_on_a_drivers_time() -> None:
-    """The wall limit is for the driver alone, also in a fresh process."""
-    driver = Delayed(LimitedView(Noisy(Watching())))
+def test_kernels_are_ready_before_a_drivers_time_starts() -> None:
+    """The wall limit counts only the driver's time, also in a fresh process."""
+    driver = Delayed(LimitedView(Noisy(RequiresReadyKernels())))
     with DriveProcess(RoadTester(EmbeddedSimulator(), driver)) as process:
         assert process.drive(Road([0.0] * 3)).trouble is None
 
@@ -151,7 +151,7 @@ def test_conditions_reach_the_other_process() -> None:
         RoadTester(DummySimulator(), PythonPlanner(), wet)
 
 
-def test_only_drives_of_our_compiled_code_stay_here() -> None:
+def test_only_compiled_drives_stay_in_this_process() -> None:
     embedded = EmbeddedSimulator()
     for driver in (Planner(), Noisy(Planner()), Delayed(Noisy(Planner()))):
         assert not is_isolable(RoadTester(embedded, driver))
@@ -164,7 +164,7 @@ def test_only_drives_of_our_compiled_code_stay_here() -> None:
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="by POSIX means")
-def test_a_driver_that_breaks_its_process_costs_its_drive(marks: Marks) -> None:
+def test_a_process_that_a_driver_ends_is_replaced(marks: Marks) -> None:
     simulator = FaultySimulator(marks.folder)
     driver = FaultyDriver(Fault(leave, marks.folder, times=1))
     with DriveProcess(RoadTester(simulator, driver)) as process:
@@ -189,16 +189,16 @@ DEEDS = {
     HANGS: (hang_in_c, LOST + "its drive took more than 2 s"),
     "ConnectionRefusedError": (refuse_connection, "the driver raised ConnectionRefusedError"),
 }
-"""Kind of fault -> what a driver does, and the reason of its failure."""
+"""Kind of fault -> what the driver does, and the reason of the failure."""
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="by POSIX means")
 @pytest.mark.parametrize("workers", [1, 2])
-def test_a_driver_that_harms_its_process_fails_the_test(
+def test_a_driver_that_breaks_its_process_fails_one_test(
     marks: Marks, tmp_path: Path, workers: int
 ) -> None:
     strategy = Straight(8, 9, 10)
-    strategy.expects_failures = True  # type: ignore[misc]  # so none is driven a second time
+    strategy.expects_failures = True  # type: ignore[misc]  # so no failure is driven a second time
     search = campaign(
         tmp_path / "c",
         5,
@@ -219,7 +219,7 @@ def test_a_driver_that_harms_its_process_fails_the_test(
     for kind, (_, text) in DEEDS.items():
         test = faults[kind]
         assert test.reason.startswith(text)
-        assert test.attempts == 1, "what the driver did is not tried again"
+        assert test.attempts == 1, "a failure of the driver is final"
         assert test.result.fault is not None
         assert test.result.fault.part == "driver"
     assert check_campaign(tmp_path / "c").findings == ()
@@ -262,7 +262,7 @@ def steer(value: Any) -> Controls:
     return Controls(value, 0.0, 0.0)
 
 
-def kill_myself() -> None:
+def kill_this_process() -> None:
     os.kill(os.getpid(), signal.SIGKILL)
 
 
@@ -270,12 +270,12 @@ def kill_group() -> None:
     os.killpg(0, signal.SIGTERM)
 
 
-def stop_myself() -> None:
+def stop_this_process() -> None:
     os.kill(os.getpid(), signal.SIGSTOP)
 
 
 def close_and_go_on() -> None:
-    """With files of its own in place of what was there."""
+    """Close all descriptors, and open other files in their place."""
     os.closerange(3, 256)
     for _ in range(30):
         os.open(os.devnull, os.O_RDWR)
@@ -289,12 +289,12 @@ def cut_files() -> None:
 
 
 def flood_log() -> NoReturn:
-    """With messages that are well formed."""
+    """Log well-formed messages for ever."""
     while True:
         logging.getLogger("frenetic.driver").warning("the road is wet")
 
 
-def raised(kind: str, text: str = "") -> tuple[str, str]:
+def raises(kind: str, text: str = "") -> tuple[str, str]:
     return kind, f"the driver raised {kind}{text}"
 
 
@@ -317,42 +317,42 @@ WAYS: Final[dict[str, tuple[Callable[[], Any], tuple[str, str]]]] = {
     "closed 0 to 255": (lambda: os.closerange(0, 256), CLOSED),
     "closed and replaced": (close_and_go_on, CLOSED),
     "cut files": (cut_files, (ENDS_ITS_PROCESS, f"{LOST}it ended with exit code 7")),
-    "BaseException": (lambda: raise_(BaseException("base")), raised("BaseException", ": base (")),
-    "OddError": (lambda: raise_(OddError("so odd")), raised("OddError", ": so odd (")),
-    "GeneratorExit": (lambda: raise_(GeneratorExit()), raised("GeneratorExit")),
-    "StopIteration": (lambda: raise_(StopIteration()), raised("StopIteration")),
-    "KeyboardInterrupt": (lambda: raise_(KeyboardInterrupt()), raised("KeyboardInterrupt")),
-    "SystemExit": (lambda: sys.exit(0), raised("SystemExit", ": 0 (")),
+    "BaseException": (lambda: raise_(BaseException("base")), raises("BaseException", ": base (")),
+    "OddError": (lambda: raise_(OddError("so odd")), raises("OddError", ": so odd (")),
+    "GeneratorExit": (lambda: raise_(GeneratorExit()), raises("GeneratorExit")),
+    "StopIteration": (lambda: raise_(StopIteration()), raises("StopIteration")),
+    "KeyboardInterrupt": (lambda: raise_(KeyboardInterrupt()), raises("KeyboardInterrupt")),
+    "SystemExit": (lambda: sys.exit(0), raises("SystemExit", ": 0 (")),
     "an unreadable error": (
         lambda: raise_(UnreadableError()),
-        raised("UnreadableError", ": an error without a readable text ("),
+        raises("UnreadableError", ": an error without a readable text ("),
     ),
-    "a long error": (lambda: raise_(ValueError("x" * 10_000_000)), raised("ValueError", ": xxx")),
+    "a long error": (lambda: raise_(ValueError("x" * 10_000_000)), raises("ValueError", ": xxx")),
     "our long error": (lambda: raise_(DriverError("x" * 10_000_000)), ("DriverError", "xxx")),
-    "half a character": (lambda: raise_(ValueError("\ud800")), raised("ValueError", ": \\ud800 (")),
-    "an error like a bomb": (lambda: raise_(UnmakeableError()), raised("UnmakeableError")),
+    "half a character": (lambda: raise_(ValueError("\ud800")), raises("ValueError", ": \\ud800 (")),
+    "an error like a bomb": (lambda: raise_(UnmakeableError()), raises("UnmakeableError")),
     "1e300": (lambda: steer(1e300), NOTHING_USABLE),
     "nan": (lambda: steer(math.nan), NOTHING_USABLE),
     "inf": (lambda: steer(-math.inf), NOTHING_USABLE),
     "a huge number": (lambda: steer(10**5000), NOTHING_USABLE),
     "a text": (lambda: steer("0.0"), NOTHING_USABLE),
-    "no number": (lambda: steer(NoNumber()), raised("OddError", ": no number (")),
+    "no number": (lambda: steer(NoNumber()), raises("OddError", ": no number (")),
     "no controls": (NoNumber, (GIVES_NO_CONTROLS, "the driver returned NoNumber instead")),
     "_exit": (lambda: os._exit(0), (ENDS_ITS_PROCESS, f"{LOST}it ended with exit code 0")),
     "SIGTERM": (kill_group, (ENDS_ITS_PROCESS, f"{LOST}it was killed by SIGTERM")),
-    "SIGKILL": (kill_myself, (IS_KILLED, f"{LOST}it was killed by SIGKILL, by itself or")),
+    "SIGKILL": (kill_this_process, (IS_KILLED, f"{LOST}it was killed by SIGKILL, by itself or")),
     "sleeps": (lambda: time.sleep(LIMIT), LATE),
     "logs for ever": (flood_log, LATE),
-    "SIGSTOP": (stop_myself, (HANGS, f"{LOST}its drive took more than 4 s")),
-    "no memory": (lambda: bytearray(2**62), raised("MemoryError")),
+    "SIGSTOP": (stop_this_process, (HANGS, f"{LOST}its drive took more than 4 s")),
+    "no memory": (lambda: bytearray(2**62), raises("MemoryError")),
 }
-"""What a driver does -> the function, and kind and reason of its failure."""
+"""What the driver does -> its function, and the kind and the reason of the failure."""
 
 
 class Wayward(PythonPlanner):
-    """Does one thing after the other: each in a drive of its own, in `reset` or `act`.
+    """Misbehaves in one way per drive, in `reset` or in `act`.
 
-    What may have been the system it does in a second drive, too.
+    The system may have sent a SIGKILL, so the driver kills its process in a second drive, too.
     """
 
     def __init__(self, folder: Path, ways: Sequence[str], moment: str) -> None:
@@ -361,10 +361,10 @@ class Wayward(PythonPlanner):
 
     def reset(self, setup: DriveSetup) -> None:
         super().reset(setup)
-        twice = [
-            f"{way}{again}" for way in self.ways for again in ("", "~")[: 1 + (way == "SIGKILL")]
+        deeds = [
+            f"{way}{suffix}" for way in self.ways for suffix in ("", "~")[: 1 + (way == "SIGKILL")]
         ]
-        self.way = next((way for way in twice if self.marks.make(way)), "").rstrip("~")
+        self.way = next((deed for deed in deeds if self.marks.make(deed)), "").rstrip("~")
         if self.way and self.moment == "reset":
             WAYS[self.way][0]()
 
@@ -380,13 +380,14 @@ class Wayward(PythonPlanner):
 def test_each_way_to_break_a_drive_is_a_failure_of_the_driver(
     marks: Marks, tmp_path: Path, moment: str, workers: int
 ) -> None:
-    """The campaign goes on, and its other drives are as they always are."""
+    """The campaign goes on, and its other drives are as usual."""
     strategy = Straight(8)
-    strategy.expects_failures = True  # type: ignore[misc]  # so none is driven a second time
-    ways = [way for way in WAYS if workers == 1 or way != "SIGKILL"]  # whose road is driven again
+    strategy.expects_failures = True  # type: ignore[misc]  # so no failure is driven a second time
+    # After a SIGKILL the road is driven again, maybe by another worker.
+    ways = [way for way in WAYS if workers == 1 or way != "SIGKILL"]
     search = campaign(
         tmp_path / "c",
-        len(ways) + 16,  # more than a worker has ahead while another hangs
+        len(ways) + 16,  # more than a worker has in advance while another hangs
         simulator=EmbeddedSimulator(wall_limit=2.0),
         driver=Wayward(marks.folder, ways, moment),
         strategy=strategy,
@@ -445,7 +446,7 @@ def test_a_process_that_is_killed_once_changes_no_result(
         (FaultySimulator(), PythonPlanner(), Loss.BROKE_PROTOCOL, True, False),
     ],
 )
-def test_a_lost_process_is_blamed_on_its_foreign_part(
+def test_a_lost_process_is_blamed_on_the_part_that_is_not_ours(
     simulator: Simulator, driver: Driver, loss: Loss, is_asked: bool, is_drivers: bool
 ) -> None:
     error = LostProcessError(Trouble("it was lost"), loss, is_drivers_turn=is_asked)
@@ -460,8 +461,8 @@ CHILDREN: Final[dict[str, dict[str, Any]]] = {
 }
 
 
-class Parent(PythonPlanner):
-    """Starts a child in its first drive, whose own child outlives it, and may leave afterwards."""
+class StartsChild(PythonPlanner):
+    """Starts a child in its first drive, whose own child outlives it; then it may leave."""
 
     def __init__(self, folder: Path, kind: str, leaves: bool) -> None:
         super().__init__()
@@ -492,7 +493,7 @@ class Parent(PythonPlanner):
 def test_processes_that_a_driver_starts_end_with_its_process(
     marks: Marks, kind: str, leaves: bool
 ) -> None:
-    driver = Parent(marks.folder, kind, leaves)
+    driver = StartsChild(marks.folder, kind, leaves)
     with DriveProcess(RoadTester(EmbeddedSimulator(), driver)) as process:
         if leaves:
             trouble = process.drive(ROAD).trouble
@@ -504,25 +505,25 @@ def test_processes_that_a_driver_starts_end_with_its_process(
     assert not any(is_running(pid) for pid in marks.pids())
 
 
-class Uncopied(DummyDriver):
-    """A driver that cannot be pickled, as one with an open session cannot."""
+class Uncopyable(DummyDriver):
+    """A driver that cannot be pickled, like a driver with an open session."""
 
     def __init__(self) -> None:
         super().__init__()
         self.session = lambda: None
 
 
-def test_a_driver_that_cannot_be_copied_is_made_anew_by_its_name_or_drives_here(
+def test_a_driver_that_cannot_be_copied_is_made_by_its_name_or_drives_in_this_process(
     caplog: pytest.LogCaptureFixture,
 ) -> None:
-    parts = {"driver": f"{__name__}:Uncopied", "simulator": "frenetic.testing:DummySimulator"}
+    parts = {"driver": f"{__name__}:Uncopyable", "simulator": "frenetic.testing:DummySimulator"}
     for conditions in ({}, {"noise": 0.1}):
         named = RoadTester.of(Spec.of(parts, {"with": conditions}))
         assert is_isolable(named)
         with driving(named, isolate=True) as drive:
             assert drive(ROAD, {}).trouble is None
     assert not caplog.text
-    tester = RoadTester(DummySimulator(), Uncopied())
+    tester = RoadTester(DummySimulator(), Uncopyable())
     assert not is_isolable(tester)
     assert "nothing protects this process from the driver" in caplog.text
     with driving(tester, isolate=True) as drive:

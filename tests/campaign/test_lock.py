@@ -1,4 +1,4 @@
-"""Who may write a folder, and what others learn about who does."""
+"""The lock of a campaign's folder: one process may write, and others see which one."""
 
 from __future__ import annotations
 
@@ -28,10 +28,10 @@ import os, sys, time
 from pathlib import Path
 from frenetic.campaign.lock import lock_file
 
-held = lock_file(Path(sys.argv[1]))
+lock = lock_file(Path(sys.argv[1]))
 child = os.fork() if "fork" in sys.argv else 1
 if child == 0:
-    held.release()  # which is not its to release
+    lock.release()  # the parent's lock: nothing happens
 else:
     print(child, flush=True)
 time.sleep(600)
@@ -64,11 +64,11 @@ def test_a_lock_has_one_holder_until_its_release(path: Path) -> None:
     first.release()
     assert holder(path) is None
     with lock_file(path):
-        first.release()  # is no longer its to release
+        first.release()  # released before: nothing happens
         assert holder(path) == "this process"
 
 
-@pytest.mark.skipif(sys.platform != "linux", reason="tells when processes have started")
+@pytest.mark.skipif(sys.platform != "linux", reason="compares when processes have started")
 def test_a_lock_names_the_process_that_holds_it(path: Path) -> None:
     with holding(path) as (process, _):
         assert holder(path) == f"process {process.pid}"
@@ -95,26 +95,26 @@ def test_a_fork_neither_holds_nor_releases_it(path: Path) -> None:
 @pytest.mark.parametrize(
     "lie", [{"host": "elsewhere"}, {"process_start": 1}, {"process_id": 1 << 30}, {"host": 3}]
 )
-def test_the_number_of_a_process_counts_only_where_and_while_it_runs(
+def test_an_outdated_process_id_in_a_lock_file_names_no_process(
     path: Path, lie: dict[str, Any]
 ) -> None:
     with lock_file(path):
-        said = json.loads(path.read_text())
-        assert (said["process_id"], said["host"]) == (os.getpid(), platform.node())
-        path.write_text(f" {json.dumps(said | lie)}")
+        content = json.loads(path.read_text())
+        assert (content["process_id"], content["host"]) == (os.getpid(), platform.node())
+        path.write_text(f" {json.dumps(content | lie)}")
         assert holder(path) == "another process"
         path.write_text("")
         assert holder(path) == "another process"
 
 
-def test_a_look_makes_no_file_and_keeps_nobody_out(
+def test_a_look_at_a_lock_makes_no_file_and_locks_nobody_out(
     path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     assert holder(path) is None
     assert not path.exists()
     lock_file(path).release()
     monkeypatch.setattr(lock, "PATIENCE", LIMIT)
-    with path.open("rb") as file:  # as a look does, for a moment
+    with path.open("rb") as file:  # a look locks the file for a moment, too
         assert lock_descriptor(file.fileno(), blocking=False)
         threading.Timer(0.1, file.close).start()
         lock_file(path).release()
@@ -126,7 +126,7 @@ def test_a_lock_that_cannot_be_made_is_one_line(tmp_path: Path) -> None:
 
 
 @pytest.mark.skipif(not hasattr(os, "geteuid"), reason="needs POSIX permissions")
-def test_who_may_only_read_sees_the_holder(path: Path) -> None:
+def test_a_reader_without_permission_to_write_sees_the_holder(path: Path) -> None:
     with lock_file(path):
         path.chmod(0o444)
         with bound_by_permissions(path.parent):

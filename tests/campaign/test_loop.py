@@ -1,4 +1,4 @@
-"""Which candidates are asked, driven, dropped, tried again and told, and in which order."""
+"""The loop of a campaign: order of candidates and results, dropped and lost ones, and its end."""
 
 from __future__ import annotations
 
@@ -32,20 +32,20 @@ from frenetic.search import Candidate, Evaluation, Origin, SearchEnded, Strategy
 from frenetic.testing import DummyDriver, DummySimulator
 
 Choose = Callable[[list[int]], Sequence[int]]
-"""Ids of the candidates that are being driven -> those that come back now, in this order."""
+"""Ids of the candidates that are being driven -> ids of those that finish now, in this order."""
 ASLEEP = "fake was lost: it fell asleep"
 
 
 class Families(Strategy):
-    """Roads in families: once one of a family failed, no other is wanted. It notes everything.
+    """Proposes roads in families: after a failure no other road of the family is wanted.
 
     Args:
-        outcomes: of its roads, in turn.
-        size: of a family.
-        mixed: whether two families take turns.
+        outcomes: outcomes of the roads, in turn.
+        size: number of roads in a family.
+        mixed: whether the roads of two families alternate.
         names_parents: whether the roads of a family name the same parent.
-        waits: how often, as a share, it first has to be told something.
-        roads: after which it ends.
+        waits: share of the calls of `ask` that wait for a result first.
+        roads: number of roads after which the strategy ends; None: never.
     """
 
     def __init__(
@@ -101,10 +101,10 @@ class Families(Strategy):
 
 
 class FakeWorkers:
-    """Workers that finish in the order a test has, and are lost where it wants.
+    """Workers that finish in the order that a test chooses, and are lost where it wants.
 
     Args:
-        losses: how often the attempt at a candidate is lost.
+        losses: candidate -> how many attempts at it are lost.
     """
 
     def __init__(
@@ -120,7 +120,7 @@ class FakeWorkers:
         self.running: list[int] = []
         self.submitted: list[int] = []
         self.answered: list[int] = []
-        self.again: list[int] = []  # second drives
+        self.second_drives: list[int] = []
 
     @property
     def free(self) -> int:
@@ -130,7 +130,8 @@ class FakeWorkers:
         assert self.free
         assert candidate.id not in self.running
         self.running.append(candidate.id)
-        (self.again if candidate.id in self.answered else self.submitted).append(candidate.id)
+        is_second_drive = candidate.id in self.answered
+        (self.second_drives if is_second_drive else self.submitted).append(candidate.id)
 
     def wait(self, timeout: float) -> Sequence[Attempt]:
         assert self.running, "nobody is waited for"
@@ -165,7 +166,7 @@ class Faked(Campaign):
 def faked(
     folder: Path, strategy: Strategy, budget: Budget, fake: FakeWorkers, max_in_flight: int = 16
 ) -> Campaign:
-    """A campaign of an interrupted, or a new, one."""
+    """A campaign with fake workers, new or to be resumed."""
     fake_campaign = Faked(
         strategy=strategy,
         simulator=DummySimulator(),
@@ -180,23 +181,26 @@ def faked(
     return fake_campaign
 
 
-def told_in_order(strategy: Families, lost: Mapping[int, int], budget: Budget, ahead: int) -> None:
-    """What an ordered campaign asks and tells, done plainly."""
-    line: deque[Candidate] = deque()
+def search_in_order(
+    strategy: Families, losses: Mapping[int, int], budget: Budget, max_in_flight: int
+) -> None:
+    """Ask and tell a strategy as a campaign does in order, without workers."""
+    waiting: deque[Candidate] = deque()
+    most_simulations = budget.simulations or 1_000
     simulations = failures = 0
     while (share := budget.spent(simulations, 0.0, failures)) < 1.0:
-        while len(line) < ahead and simulations + len(line) < (budget.simulations or 1_000):
+        while len(waiting) < max_in_flight and simulations + len(waiting) < most_simulations:
             try:
                 candidate = strategy.ask()
             except SearchEnded:
                 break
             if candidate is None:
                 break
-            line.append(candidate)
-        if not line:
+            waiting.append(candidate)
+        if not waiting:
             return
-        oldest = line.popleft()
-        outcome = Outcome.ERROR if lost.get(oldest.id, 0) > 1 else strategy.outcome_of(oldest.id)
+        oldest = waiting.popleft()
+        outcome = Outcome.ERROR if losses.get(oldest.id, 0) > 1 else strategy.outcome_of(oldest.id)
         if not strategy.is_wanted(oldest):
             outcome = Outcome.DROPPED
         simulations += outcome.is_simulated
@@ -205,17 +209,18 @@ def told_in_order(strategy: Families, lost: Mapping[int, int], budget: Budget, a
         strategy.tell(Evaluation(oldest, outcome, None, share))
 
 
-def leave() -> None:
+def interrupt() -> None:
     raise KeyboardInterrupt
 
 
 def after(results: int, call: Callable[[], object]) -> Callable[[Event], None]:
+    """Return a callback that makes a call at each result after so many."""
     left = itertools.count(-results)
     return on_result(lambda _: call() if next(left) >= 0 else None)
 
 
 class Chance:
-    """A strategy, its workers and a budget as a seed has them."""
+    """A strategy, losses of workers and a budget, drawn with a seed."""
 
     def __init__(self, seed: int) -> None:
         rng = self.rng = Random(seed)
@@ -228,39 +233,39 @@ class Chance:
             "waits": rng.choice([0.0, 0.0, 0.3]),
             "roads": rng.choice([None, None, rng.randint(1, 60)]),
         }
-        lost = rng.random() < 0.5
-        self.losses = {n: rng.choice([0, 0, 0, 1, 2]) for n in range(1, 1000)} if lost else {}
+        has_losses = rng.random() < 0.5
+        self.losses = {n: rng.choice([0, 0, 0, 1, 2]) for n in range(1, 1000)} if has_losses else {}
         simulations, failures = rng.randint(1, 40), rng.randint(1, 9)
         budgets = [Budget(simulations=simulations), Budget(failures=failures)]
         self.budget = rng.choice([*budgets, Budget(simulations=simulations, failures=failures)])
         self.is_broken_off = rng.random() < 0.5
-        self.most = 0
+        self.most_workers = 0
         self.fakes: list[FakeWorkers] = []
 
     def strategy(self) -> Families:
         return Families(self.outcomes, self.size, **self.kind)
 
-    def searched(self, folder: Path, max_in_flight: int) -> tuple[Families, Summary]:
-        """The campaign, broken off and resumed again and again, if it has to be."""
+    def run(self, folder: Path, max_in_flight: int) -> tuple[Families, Summary]:
+        """Run the campaign to its end; if `is_broken_off`, interrupt and resume it on the way."""
         rng = self.rng
         for attempt in range(1000):
             strategy = self.strategy()
             count = rng.randint(1, 9)
-            self.most = max(self.most, count)
+            self.most_workers = max(self.most_workers, count)
             self.fakes.append(
                 FakeWorkers(count, lambda ids: rng.sample(ids, rng.randint(1, len(ids))))
             )
             self.fakes[-1].losses.update(self.losses)
             fake_campaign = faked(folder, strategy, self.budget, self.fakes[-1], max_in_flight)
             left = rng.choice([0, 1, 2, 5, 20]) if self.is_broken_off else 1_000_000
-            stopping = after(left, rng.choice([fake_campaign.stop, leave]))
+            stopping = after(left, rng.choice([fake_campaign.stop, interrupt]))
             end = (fake_campaign.resume if attempt else fake_campaign.run)(on_event=stopping)
             if not end.interrupted:
                 return strategy, end
         raise AssertionError("it does not end")
 
-    def require_kept(self, folder: Path, strategy: Families) -> None:
-        """What is stored is what was asked and told, and what was tried."""
+    def require_stored(self, folder: Path, strategy: Families) -> None:
+        """Require that the store holds all candidates, results and numbers of attempts."""
         places, results = {}, 0
         for note in strategy.notes:
             if isinstance(note, int):
@@ -268,7 +273,7 @@ class Chance:
             else:
                 results += 1
         with CampaignStore.open(folder) as store:
-            assert {asked.id: place for asked, place in store.candidates()} == places
+            assert {candidate.id: place for candidate, place in store.candidates()} == places
             tests = list(store.tests())
             second: Any = store.fact(SECOND_DRIVE)
         failed = strategy.ids(Outcome.FAIL)
@@ -286,25 +291,25 @@ class Chance:
 
 
 @pytest.mark.parametrize("seed", range(20))
-def test_in_order_the_campaign_is_the_plain_one_whatever_workers_and_users_do(
+def test_a_campaign_equals_a_plain_search_for_any_workers_and_interruptions(
     tmp_path: Path, seed: int
 ) -> None:
     chance = Chance(seed)
     max_in_flight = chance.rng.randint(1, 9)
-    told_in_order(plain := chance.strategy(), chance.losses, chance.budget, max_in_flight)
-    strategy, _ = chance.searched(tmp_path, max_in_flight)
+    search_in_order(plain := chance.strategy(), chance.losses, chance.budget, max_in_flight)
+    strategy, _ = chance.run(tmp_path, max_in_flight)
     assert strategy.notes == plain.notes
-    chance.require_kept(tmp_path, strategy)
-    if chance.most == 1 and not chance.kind["names_parents"]:
+    chance.require_stored(tmp_path, strategy)
+    if chance.most_workers == 1 and not chance.kind["names_parents"]:
         driven = {number for fake in chance.fakes for number in fake.answered}
-        assert not driven & set(strategy.ids(Outcome.DROPPED))  # nothing is driven for nobody
+        assert not driven & set(strategy.ids(Outcome.DROPPED))  # no dropped road was driven
 
 
-# What is driven in vain
+# Drives that are not needed
 
 
-def test_in_order_siblings_are_driven_last(tmp_path: Path) -> None:
-    """The first of each family fails: driven early, it spares the drives of the others."""
+def test_roads_with_the_same_parent_are_driven_last(tmp_path: Path) -> None:
+    """The first road of each family fails: driven early, it saves the drives of the others."""
     submitted: dict[bool, list[int]] = {}
     for known in (False, True):
         outcomes = [Outcome.FAIL, Outcome.PASS, Outcome.PASS]
@@ -319,17 +324,17 @@ def test_in_order_siblings_are_driven_last(tmp_path: Path) -> None:
     assert len(submitted[True]) < 25 < 35 < len(submitted[False])
 
 
-def test_in_order_the_end_does_not_wait_for_late_tests(tmp_path: Path) -> None:
+def test_the_end_of_the_budget_does_not_wait_for_later_candidates(tmp_path: Path) -> None:
     fake = FakeWorkers(4, lambda ids: [1])
     faked(tmp_path, Families([Outcome.FAIL]), Budget(failures=1), fake, max_in_flight=4).run()
-    assert (fake.submitted, fake.answered, fake.again) == ([1, 2, 3, 4], [1], [1])
+    assert (fake.submitted, fake.answered, fake.second_drives) == ([1, 2, 3, 4], [1], [1])
 
 
-# What is reported, and how it ends
+# Reports and ends
 
 
 def test_only_stored_results_are_reported(tmp_path: Path) -> None:
-    """Results that come together are stored together, and before any of them is reported."""
+    """Results that arrive together are stored together, before any of them is reported."""
     stored: list[int] = []
 
     def report(progress: Summary) -> None:
@@ -360,7 +365,7 @@ def test_results_before_a_broken_strategy_are_stored_and_reported(tmp_path: Path
         assert [test.id for test in store.tests()] == [1, 2, 3, 4]
 
 
-def test_nothing_but_lost_attempts_ends_the_campaign_which_is_resumed(tmp_path: Path) -> None:
+def test_a_campaign_of_lost_attempts_only_ends_and_can_be_resumed(tmp_path: Path) -> None:
     losses = dict.fromkeys(range(1, 99), 9)
     budget = Budget(simulations=50)
     with refused(r"none of the last 10 drives could be judged.*it fell asleep"):
@@ -382,8 +387,8 @@ def test_ctrl_c_lets_running_tests_finish(tmp_path: Path) -> None:
     assert 4 < summary.simulations == len(fake.submitted) <= 7
 
 
-def test_in_order_real_workers_give_the_same_campaign(tmp_path: Path) -> None:
-    """One whose roads are mutants, crossovers and dropped ones, too."""
+def test_one_and_two_workers_give_the_same_campaign(tmp_path: Path) -> None:
+    """The search has mutants, crossovers and dropped roads."""
     for workers in (1, 2):
         folder, options = tmp_path / str(workers), {"max_in_flight": 7}
         simulator, strategy = Uneven(), quick_search()

@@ -1,4 +1,4 @@
-"""Objectives: what they measure, their order, and campaigns that have one."""
+"""Objectives: their values, and campaigns that minimise them."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from frenetic.road import Road
 from frenetic.search import Evaluation, Frenetic, Frenetic2021
 from frenetic.simulators import EmbeddedSimulator
 
-OWN = """
+OWN_OBJECTIVES = """
 def slowest(road, drive):
     return float(drive.trajectory.speed[20:].min())
 
@@ -33,8 +33,8 @@ def endless(road, drive):
 """
 
 
-class Watching(Frenetic):
-    """Notes what it minimises."""
+class Recording(Frenetic):
+    """Records the severities of its results."""
 
     def __init__(self, seed: int) -> None:
         super().__init__(seed=seed, random_budget=1.0)
@@ -46,12 +46,12 @@ class Watching(Frenetic):
 
 
 def search(folder: Path, objective: str, simulations: int = 50) -> Campaign:
-    parts = {"strategy": Watching(seed=3), "simulator": EmbeddedSimulator(), "driver": Planner()}
+    parts = {"strategy": Recording(seed=3), "simulator": EmbeddedSimulator(), "driver": Planner()}
     return campaign(folder, simulations, objective=objective, **parts)
 
 
 def severities(campaign: Campaign) -> list[float | None]:
-    assert isinstance(campaign.strategy, Watching)
+    assert isinstance(campaign.strategy, Recording)
     return campaign.strategy.severities
 
 
@@ -73,13 +73,13 @@ def test_built_in_objectives_agree_with_the_oracle() -> None:
         Objective.load("oob")
 
 
-def test_an_interrupted_campaign_with_an_objective_goes_on_as_it_would_have(tmp_path: Path) -> None:
+def test_a_campaign_resumed_with_an_objective_equals_one_run(tmp_path: Path) -> None:
     whole = search(tmp_path / "whole", "oob-share", simulations=40)
     whole.run()
     search(tmp_path / "parts", "oob-share", simulations=30).run()
-    rest = search(tmp_path / "parts", "oob-share", simulations=40)
-    rest.resume()
-    values = severities(rest)
+    resumed = search(tmp_path / "parts", "oob-share", simulations=40)
+    resumed.resume()
+    values = severities(resumed)
     assert values == severities(whole)
     with CampaignStore.open(tmp_path / "whole") as store:
         assert {-value for value in objectives(store).values()} == {*values} - {None}
@@ -90,7 +90,7 @@ def test_an_interrupted_campaign_with_an_objective_goes_on_as_it_would_have(tmp_
         search(tmp_path / "parts", "moobd", simulations=50).resume()
 
 
-def test_an_objectives_values_are_stored_and_named(tmp_path: Path) -> None:
+def test_values_of_an_objective_are_stored_described_and_logged(tmp_path: Path) -> None:
     folder = tmp_path / "c"
     parts = {"strategy": Frenetic2021(seed=3, threshold=-0.4), "simulator": EmbeddedSimulator()}
     campaign(folder, 30, driver=Planner(), objective="oob-share", **parts).run()
@@ -99,7 +99,7 @@ def test_an_objectives_values_are_stored_and_named(tmp_path: Path) -> None:
         values = objectives(store)
         text = as_text(store)
         assert values == {t.id: t.objective for t in store.tests() if t.objective is not None}
-    # Drives are measured as they are stored, which is rounded.
+    # The objective is measured on the stored drives, which are rounded.
     assert values == pytest.approx(shares, abs=2e-3)
     worst = max(values.values())
     first = min(number for number, value in values.items() if value == worst)
@@ -113,14 +113,14 @@ def test_an_objectives_values_are_stored_and_named(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("name", "why"),
+    ("name", "message"),
     [("broken", "raised RuntimeError: no such column"), ("endless", "is inf: a finite number")],
 )
-def test_an_objective_without_a_value_ends_the_campaign(
-    tmp_path: Path, name: str, why: str
+def test_an_objective_that_raises_or_is_infinite_ends_the_campaign(
+    tmp_path: Path, name: str, message: str
 ) -> None:
-    (tmp_path / "own.py").write_text(OWN, encoding="utf-8")
-    with refused(f"{why}.*; 0 results stored, ") as caught:
+    (tmp_path / "own.py").write_text(OWN_OBJECTIVES, encoding="utf-8")
+    with refused(f"{message}.*; 0 results stored, ") as caught:
         search(tmp_path / "c", f"{tmp_path / 'own.py'}:{name}").run()
     assert ("own.py:" in str(caught.value).partition("raised")[2]) == (name == "broken")
     with CampaignStore.open(tmp_path / "c") as store:

@@ -1,4 +1,4 @@
-"""Campaigns that are ended at any moment and go on as if nothing had happened."""
+"""Campaigns that are killed at any moment, and resumed with the same and with other parts."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ pytest_plugins = ["campaign_fixtures"]
 @pytest.mark.endurance
 @pytest.mark.skipif(sys.platform == "win32", reason="a process kills itself by a POSIX signal")
 @pytest.mark.parametrize(("workers", "max_in_flight"), [(1, 1), (2, 16)])
-def test_killed_at_random_moments_it_ends_as_if_it_had_not_been(
+def test_a_campaign_killed_at_random_moments_equals_one_run(
     tmp_path: Path, workers: int, max_in_flight: int, endurance: bool
 ) -> None:
     marks, folder, whole = (tmp_path / name for name in ("marks", "campaign", "whole"))
@@ -47,20 +47,20 @@ def test_killed_at_random_moments_it_ends_as_if_it_had_not_been(
     campaign(whole, simulations, simulator=simulator, max_in_flight=max_in_flight).run()
 
     def go_on(blow: killing.Blow | None) -> int | None:
-        """Its exit code, in a process of its own."""
+        """Exit code of a process that runs or resumes the campaign."""
         arguments = folder, marks, simulations, workers, max_in_flight, blow
         return killing.exit_code_of(killing.go_on, *arguments)
 
     rng = random.Random(11 + workers)
-    together = max_in_flight  # results in one transaction at most
+    most_together = max_in_flight  # results in one transaction at most
     for kills in range(1, (25 if endurance else 5) + 1):
         blow = random_blow(rng, first=kills == 1)
         assert go_on(blow) == -signal.SIGKILL, f"{blow} has not come"
-        said = marks / "reported"
-        reported = said.stat().st_size if said.exists() else 0
+        report_file = marks / "reported"
+        reported = report_file.stat().st_size if report_file.exists() else 0
         stored = result_count(folder)
-        # Whatever was reported is there, and per kill at most one transaction more.
-        assert reported <= stored <= reported + kills * together
+        # Each reported result is stored, and per kill at most one transaction more.
+        assert reported <= stored <= reported + kills * most_together
         if (folder / "campaign.sqlite").exists():
             assert check_campaign(folder).findings == (), blow
     assert 0 < result_count(folder) < simulations
@@ -71,7 +71,7 @@ def test_killed_at_random_moments_it_ends_as_if_it_had_not_been(
 
 
 def random_blow(rng: random.Random, *, first: bool) -> killing.Blow:
-    """Sometimes early, more often somewhere in the next few tests, and often within a write."""
+    """A blow early, within the next few tests, or, most often, within a write."""
     kind = rng.choice(["start", "write", "write", "commit", "commit", "result"])
     if first:
         return killing.Blow("write", rng.randint(1, 200))  # when the database is made
@@ -91,19 +91,19 @@ def result_count(folder: Path) -> int:
 
 @pytest.fixture(scope="module")
 def finished(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The folder of a finished campaign; nobody changes it."""
+    """The folder of a finished campaign, which no test changes."""
     folder = tmp_path_factory.mktemp("finished") / "c"
     campaign(folder, 20).run()
     return folder
 
 
-def test_strategy_that_replays_differently_is_noticed(tmp_path: Path, finished: Path) -> None:
+def test_a_strategy_that_replays_differently_is_refused(tmp_path: Path, finished: Path) -> None:
     class Changed(Frenetic2021):
         def ask(self) -> Candidate:
-            asked = super().ask()
-            if asked.id == 9:
-                return Candidate(9, np.zeros(20), asked.step, asked.origin)
-            return asked
+            candidate = super().ask()
+            if candidate.id == 9:
+                return Candidate(9, np.zeros(20), candidate.step, candidate.origin)
+            return candidate
 
     Changed.__module__, Changed.__qualname__ = Frenetic2021.__module__, Frenetic2021.__qualname__
     shutil.copytree(finished, tmp_path, dirs_exist_ok=True)
@@ -114,7 +114,7 @@ def test_strategy_that_replays_differently_is_noticed(tmp_path: Path, finished: 
     assert contents(tmp_path) == contents(finished)
 
 
-def test_killed_after_its_budget_was_extended_it_goes_on_to_that_budget(
+def test_a_resumed_campaign_that_breaks_off_keeps_its_extended_budget(
     tmp_path: Path, finished: Path
 ) -> None:
     shutil.copytree(finished, tmp_path, dirs_exist_ok=True)
@@ -130,7 +130,7 @@ def test_killed_after_its_budget_was_extended_it_goes_on_to_that_budget(
         assert store.facts["budget"] == {"simulations": 26, "time": None, "failures": None}
 
 
-# Parts that were changed
+# Changed parts
 
 
 PARTS = """
@@ -148,7 +148,7 @@ def worst(road, drive):
 
 @contextmanager
 def with_parts(folder: Path, simulations: int, **options: object) -> Iterator[Campaign]:
-    """A campaign with a driver and an objective of a file beside it, loaded anew."""
+    """A campaign whose driver and objective are loaded anew from a file beside its folder."""
     with own_modules():
         yield campaign(
             folder,
@@ -158,7 +158,7 @@ def with_parts(folder: Path, simulations: int, **options: object) -> Iterator[Ca
         )
 
 
-def test_a_campaign_goes_on_with_the_parts_that_it_was_made_with(
+def test_resume_refuses_changed_parts_and_accepts_the_original_ones(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     file, folder = tmp_path / "parts.py", tmp_path / "c"
@@ -202,7 +202,7 @@ def test_a_campaign_goes_on_with_the_parts_that_it_was_made_with(
         ("strategy", {"strategy": quick_search(seed=5)}),
     ],
 )
-def test_other_terms_are_refused_and_nothing_is_changed(
+def test_resume_refuses_other_terms_and_changes_nothing(
     tmp_path: Path, finished: Path, term: str, changed: dict[str, Any]
 ) -> None:
     shutil.copytree(finished, tmp_path, dirs_exist_ok=True)
@@ -212,29 +212,29 @@ def test_other_terms_are_refused_and_nothing_is_changed(
     assert contents(tmp_path) == contents(finished)
 
 
-class Watching(Frenetic):
-    """Notes what it is told of drives."""
+class Recording(Frenetic):
+    """Records the evaluations that it gets."""
 
     def __init__(self, **options: Any) -> None:
         super().__init__(**options)
-        self.told: list[tuple[Any, ...]] = []
+        self.evaluations: list[tuple[Any, ...]] = []
 
     def tell(self, evaluation: Evaluation) -> None:
         trace = evaluation.trace
         traces = [] if trace is None else [trace.distance, trace.lateral_offset, trace.speed]
         values = (evaluation.finding, evaluation.worst_place, evaluation.duration)
         columns = (column.tobytes() for column in traces)
-        self.told.append((*values, evaluation.severity, *columns))
+        self.evaluations.append((*values, evaluation.severity, *columns))
         super().tell(evaluation)
 
 
 def test_a_resumed_strategy_gets_the_same_evaluations(tmp_path: Path) -> None:
-    strategy, resumed = Watching(seed=4), Watching(seed=4)
+    strategy, resumed = Recording(seed=4), Recording(seed=4)
     parts = {"simulator": EmbeddedSimulator(), "driver": Planner(aggression=1.3)}
     campaign(tmp_path, 40, strategy=strategy, **parts).run()
     campaign(tmp_path, 42, strategy=resumed, **parts).resume()
-    assert len(strategy.told[0]) == 7
-    sides = {None if finding is None else finding.side for finding, *_ in strategy.told}
+    assert len(strategy.evaluations[0]) == 7
+    sides = {None if finding is None else finding.side for finding, *_ in strategy.evaluations}
     assert sides == {"left", "right", None}
-    assert resumed.told[: len(strategy.told)] == strategy.told
-    assert len(resumed.told) > len(strategy.told)
+    assert resumed.evaluations[: len(strategy.evaluations)] == strategy.evaluations
+    assert len(resumed.evaluations) > len(strategy.evaluations)

@@ -1,4 +1,4 @@
-"""The second drive of a campaign's first failure: what it says, and what it leaves alone."""
+"""A campaign drives its first failure a second time, and reports whether the drive repeats."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from frenetic.simulators import Drive, EmbeddedSimulator
 
 
 class Restless(Planner):
-    """It steers otherwise in every drive, from 2 s on."""
+    """Steers with another error in every drive, from 2 s on."""
 
     def reset(self, setup: DriveSetup) -> None:
         super().reset(setup)
@@ -37,7 +37,7 @@ class Restless(Planner):
 
 
 class Raising(Planner):
-    """It raises in every other drive."""
+    """Raises in every other drive."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -54,7 +54,7 @@ class Raising(Planner):
 
 
 class Drying(EmbeddedSimulator):
-    """Where it has driven before, the road is dry."""
+    """Has a dry road where it has driven before."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -71,7 +71,7 @@ class Drying(EmbeddedSimulator):
 
 
 class Breaking(Drying):
-    """Where it has driven before, it breaks."""
+    """Breaks where it has driven before."""
 
     def drive(self, road: Road, driver: Driver) -> Drive:
         if self._knows(road):
@@ -80,21 +80,21 @@ class Breaking(Drying):
 
 
 class Drifting(EmbeddedSimulator):
-    """Its friction is a little less in every drive."""
+    """Has a little less friction in every drive."""
 
     def drive(self, road: Road, driver: Driver) -> Drive:
         self.friction *= 0.9999
         return super().drive(road, driver)
 
 
-def searched(folder: Path, **parts: Any) -> Summary:
-    usual: dict[str, Any] = {"simulator": EmbeddedSimulator(), "driver": Planner()}
-    usual |= {"strategy": RandomSearch(seed=3), "budget": Budget(failures=1)}
-    return Campaign(folder=folder, **(usual | parts)).run()
+def run_search(folder: Path, **parts: Any) -> Summary:
+    defaults: dict[str, Any] = {"simulator": EmbeddedSimulator(), "driver": Planner()}
+    defaults |= {"strategy": RandomSearch(seed=3), "budget": Budget(failures=1)}
+    return Campaign(folder=folder, **(defaults | parts)).run()
 
 
 @pytest.mark.parametrize(
-    ("parts", "gave", "who"),
+    ("parts", "outcomes", "culprit"),
     [
         ({"driver": Restless()}, "", "the driver, whose controls differ from 2.0 s on"),
         ({"driver": Restless(), "workers": 2}, "", "the driver, whose controls differ from 2.0 s"),
@@ -102,16 +102,16 @@ def searched(folder: Path, **parts: Any) -> Summary:
         ({"simulator": Drying()}, "PASS, not FAIL", "the simulator, which moves the car otherwise"),
         ({"simulator": Breaking()}, "ERROR, not FAIL", "probably the simulator"),
     ],
-    ids=["restless", "restless elsewhere", "raising", "drying", "breaking"],
+    ids=["restless", "restless in another process", "raising", "drying", "breaking"],
 )
 def test_a_drive_that_does_not_repeat_is_reported_once(
-    tmp_path: Path, parts: dict[str, Any], gave: str, who: str
+    tmp_path: Path, parts: dict[str, Any], outcomes: str, culprit: str
 ) -> None:
-    summary = searched(tmp_path / "c", **parts)
+    summary = run_search(tmp_path / "c", **parts)
     note = summary.not_repeatable
     assert "repeatable: driven a second time, it gave " in note
-    assert gave in note
-    assert who in note
+    assert outcomes in note
+    assert culprit in note
     assert summary.as_json()["not_repeatable"] == note
     with CampaignStore.open(tmp_path / "c") as store:
         (first, *_) = store.tests(Outcome.FAIL)
@@ -124,14 +124,14 @@ def test_a_drive_that_does_not_repeat_is_reported_once(
 def test_second_drives_are_compared_as_exactly_as_the_simulator_repeats(
     tmp_path: Path, simulator: EmbeddedSimulator
 ) -> None:
-    """Ours is exact; of another one the same failure is asked, so a little drift is none."""
-    assert searched(tmp_path / "c", simulator=simulator).not_repeatable == ""
+    """The embedded simulator has to repeat exactly, others only to fail in the same way."""
+    assert run_search(tmp_path / "c", simulator=simulator).not_repeatable == ""
     with CampaignStore.open(tmp_path / "c") as store:
         (first,) = store.tests(Outcome.FAIL)
         assert store.fact(SECOND_DRIVE) == {"test": first.id, "note": ""}
 
 
-def test_in_our_simulator_every_bit_counts(tmp_path: Path) -> None:
+def test_in_the_embedded_simulator_every_bit_counts(tmp_path: Path) -> None:
     class Trembling(Restless):
         drives = 0
 
@@ -145,39 +145,39 @@ def test_in_our_simulator_every_bit_counts(tmp_path: Path) -> None:
             steering = controls.steering + 1e-6 * self._error
             return Controls(steering, controls.throttle, controls.brake)
 
-    note = searched(tmp_path / "c", driver=Trembling()).not_repeatable
+    note = run_search(tmp_path / "c", driver=Trembling()).not_repeatable
     assert " is not exactly repeatable: driven a second time, it gave a MOOBD " in note
     assert "(probably the driver" in note
     assert note.endswith("so the same seed may find other roads")
 
 
-class Known(Frenetic2021):
-    """A search whose failures are known, so that none is driven a second time."""
+class ExpectsFailures(Frenetic2021):
+    """A search that expects failures, so that no failure is driven a second time."""
 
     expects_failures = True
 
 
 @pytest.mark.parametrize("workers", [1, 2])
-def test_the_second_drive_changes_nothing(tmp_path: Path, workers: int) -> None:
+def test_the_second_drive_changes_no_result(tmp_path: Path, workers: int) -> None:
     budget = Budget(simulations=60)
-    for name, kind in (("with", Frenetic2021), ("without", Known)):
+    for name, kind in (("with", Frenetic2021), ("without", ExpectsFailures)):
         strategy = kind(seed=4, random_budget=0.1, cross_freq=10, cross_num=6, max_redraws=10)
-        searched(tmp_path / name, strategy=strategy, budget=budget, workers=workers)
+        run_search(tmp_path / name, strategy=strategy, budget=budget, workers=workers)
         with CampaignStore.open(tmp_path / name) as store:
             assert (SECOND_DRIVE in store.facts) == (name == "with")
     assert contents(tmp_path / "with") == contents(tmp_path / "without")
 
 
-def test_the_second_drive_is_driven_once(tmp_path: Path) -> None:
+def test_a_search_makes_one_second_drive_and_a_rerun_none(tmp_path: Path) -> None:
     simulator = Counting()
-    summary = searched(tmp_path / "c", simulator=simulator, budget=Budget(failures=3))
+    summary = run_search(tmp_path / "c", simulator=simulator, budget=Budget(failures=3))
     assert simulator.driven == summary.simulations + 1
     simulator.driven = 0
-    again = rerun(tmp_path / "c", simulator, Planner())
-    assert simulator.driven == len(again.tests) == 3, "what drives again needs no second drive"
+    reruns = rerun(tmp_path / "c", simulator, Planner())
+    assert simulator.driven == len(reruns.tests) == 3, "a rerun needs no second drive"
 
 
-def test_a_resumed_campaign_makes_it(tmp_path: Path) -> None:
+def test_a_resumed_campaign_makes_the_second_drive(tmp_path: Path) -> None:
     def break_off(summary: Summary) -> None:
         if summary.failed:
             raise KeyboardInterrupt

@@ -1,4 +1,4 @@
-"""What a look at a campaign says, whatever became of it."""
+"""`look`: the state of a campaign that runs, ended, was killed, or is not there."""
 
 from __future__ import annotations
 
@@ -31,10 +31,10 @@ def news_of(state: CampaignState) -> list[str]:
     return [line.message for line in state.news if line.event != LogEvent.TEST_FAILED]
 
 
-# What became of it
+# States
 
 
-def test_a_finished_campaign(tmp_path: Path) -> None:
+def test_a_finished_campaign_is_finished(tmp_path: Path) -> None:
     summary = campaign(tmp_path, 80).run()
     state = look(tmp_path)
     assert (state.status, state.seconds_left) == (Status.FINISHED, None)
@@ -52,7 +52,7 @@ def test_a_finished_campaign(tmp_path: Path) -> None:
     assert (without_log.status, without_log.news) == (Status.FINISHED, ())
 
 
-def test_a_running_campaign_is_seen_result_by_result(tmp_path: Path) -> None:
+def test_a_look_at_a_running_campaign_counts_each_result(tmp_path: Path) -> None:
     with paced(tmp_path) as process:
         for results in range(1, 6):
             state = look(tmp_path)
@@ -63,7 +63,7 @@ def test_a_running_campaign_is_seen_result_by_result(tmp_path: Path) -> None:
         assert look(tmp_path).status is Status.FINISHED
 
 
-def test_a_killed_campaign_is_known_at_once_until_it_is_resumed(tmp_path: Path) -> None:
+def test_a_killed_campaign_is_killed_until_it_is_resumed(tmp_path: Path) -> None:
     with paced(tmp_path) as process:
         process.go_on()
         process.kill()
@@ -86,13 +86,13 @@ def test_the_state_of_a_campaign_of_another_machine_is_unknown(tmp_path: Path) -
     assert look(tmp_path).status is Status.FINISHED
 
 
-def test_an_interrupted_campaign(tmp_path: Path) -> None:
+def test_a_stopped_campaign_is_interrupted(tmp_path: Path) -> None:
     new = campaign(tmp_path)
     new.run(on_event=on_test(lambda test: new.stop()))
     assert look(tmp_path).status is Status.INTERRUPTED
 
 
-def test_a_campaign_that_gave_up(tmp_path: Path) -> None:
+def test_a_campaign_whose_simulator_always_breaks_gave_up(tmp_path: Path) -> None:
     def break_down(road: Road) -> float:
         raise RuntimeError("no\n\x1b[2Jpower")
 
@@ -107,7 +107,7 @@ def test_a_campaign_that_gave_up(tmp_path: Path) -> None:
     assert last.message.isprintable()
 
 
-# Its log
+# The log
 
 
 @pytest.mark.parametrize(
@@ -134,15 +134,15 @@ def test_lines_that_cannot_be_read_are_skipped(finished: Path, line: str | bytes
     assert (state.status, news_of(state)) == (Status.FINISHED, ["after it"])
 
 
-# Where there is no campaign
+# No campaign
 
 
-def a_file(folder: Path) -> None:
+def write_file(folder: Path) -> None:
     folder.write_text("in the way")
 
 
-@pytest.mark.parametrize("make", [lambda folder: None, a_file, Path.mkdir])
-def test_a_folder_without_a_campaign_is_one_line(
+@pytest.mark.parametrize("make", [lambda folder: None, write_file, Path.mkdir])
+def test_a_folder_without_a_campaign_is_refused_in_one_line(
     tmp_path: Path, make: Callable[[Path], None]
 ) -> None:
     make(tmp_path / "c")
@@ -150,13 +150,13 @@ def test_a_folder_without_a_campaign_is_one_line(
         look(tmp_path / "c")
 
 
-def test_a_damaged_database_is_one_line(finished: Path) -> None:
+def test_a_damaged_database_is_refused_in_one_line(finished: Path) -> None:
     (finished / DATABASE).write_bytes(b"no database at all" * 500)
     with refused():
         look(finished)
 
 
-def test_an_owner_says_which_command_goes_on_wherever_its_folder_is(tmp_path: Path) -> None:
+def test_an_owner_names_the_command_that_goes_on_and_survives_its_entry(tmp_path: Path) -> None:
     owner = Owner(
         summary="is a run of a bench",
         advice="resume the bench",

@@ -1,4 +1,4 @@
-"""What a campaign's database keeps, who may open it, and what it says when it cannot be used."""
+"""The store of a campaign: round trips, readers and writers, damage, full disks."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ def make_trajectory(seed: int, records: int = 60) -> Trajectory:
 
 
 def make_test(id: int, outcome: Outcome | None = None, result_number: int | None = None) -> Test:  # noqa: A002
-    """Outcomes in turn, MOOBDs in no order."""
+    """A test with the outcome of its turn, and MOOBDs that neither rise nor fall."""
     outcome = outcome or (Outcome.FAIL, Outcome.PASS, Outcome.INVALID, Outcome.ERROR)[id % 4]
     result, pose, path = Result(outcome, f"reason {id}: κ → θ"), None, None
     if outcome.is_driven:
@@ -79,7 +79,8 @@ def make_test(id: int, outcome: Outcome | None = None, result_number: int | None
     )
 
 
-def tell(store: CampaignStore, *ids: int) -> None:
+def add_tests(store: CampaignStore, *ids: int) -> None:
+    """Add a candidate and a result for each id, and write them."""
     for id in ids:  # noqa: A001
         store.add_candidate(make_candidate(id))
         store.add_result(make_test(id))
@@ -87,18 +88,18 @@ def tell(store: CampaignStore, *ids: int) -> None:
 
 
 def as_read(test: Test, setting: DriveSetting | None = SETTING) -> Any:
-    """A test as it comes back with its trajectory."""
+    """A test as the store returns it with its trajectory."""
     if (path := test.trajectory) is not None:
         test = replace(test, trajectory=rounded(path), records=len(path))
     return plain(replace(test, setting=setting))
 
 
 def changed(record: Any, path: str, value: object) -> Any:
-    """A copy of nested records with another value at a place like ``result.moobd``."""
-    name, _, rest = path.partition(".")
-    inner = changed(getattr(record, name), rest, value) if rest else value
-    more: dict[str, Any] = {name: inner}
-    return record._replace(**more) if isinstance(record, Pose) else replace(record, **more)
+    """A copy of nested records with another value at a path like ``result.moobd``."""
+    name, _, inner_path = path.partition(".")
+    inner = changed(getattr(record, name), inner_path, value) if inner_path else value
+    replaced: dict[str, Any] = {name: inner}
+    return record._replace(**replaced) if isinstance(record, Pose) else replace(record, **replaced)
 
 
 @pytest.fixture
@@ -116,7 +117,7 @@ def store(folder: Path) -> Iterator[CampaignStore]:
 def finished(folder: Path) -> Path:
     """The folder of a closed campaign with ten tests."""
     with CampaignStore.create(folder, CONFIG) as store:
-        tell(store, *range(1, 11))
+        add_tests(store, *range(1, 11))
     return folder
 
 
@@ -164,11 +165,11 @@ FULL = Test(
     finished_at="2026-01-02T03:04:05+00:00",
     objective=-0.75,
 )
-"""A value other than the usual one in each column."""
+"""A test without default values: each column has another value."""
 
 
-def of_numpy(test: Test) -> Test:
-    """The same with numpy's numbers, also in what a strategy says."""
+def with_numpy_numbers(test: Test) -> Test:
+    """The same test with numbers of numpy, also in conditions and notes."""
     test = changed(test, "candidate.conditions", {"fog": np.float64(60.0)})
     test = changed(test, "candidate.notes", {"drawn": np.int64(3), "far": np.float32(0.5)})
     test = changed(test, "candidate.source.test", np.int64(3))
@@ -180,7 +181,8 @@ def of_numpy(test: Test) -> Test:
     return changed(test, "result.findings", (finding,))  # type: ignore[no-any-return]
 
 
-def of_half_characters(test: Test) -> Test:
+def with_half_characters(test: Test) -> Test:
+    """The same test with texts that are no valid Unicode."""
     half = "caf\udce9"
     test = changed(test, "result.reason", f"cannot open {half}")
     test = changed(test, "result.fault", Fault("simulator", "OSError", half, 1))
@@ -190,8 +192,8 @@ def of_half_characters(test: Test) -> Test:
 
 CASES = {
     "every column": FULL,
-    "numbers of numpy": of_numpy(FULL),
-    "half characters": of_half_characters(FULL),
+    "numbers of numpy": with_numpy_numbers(FULL),
+    "half characters": with_half_characters(FULL),
     "an empty road": replace(
         make_test(1, Outcome.INVALID), candidate=replace(make_candidate(1, 0), points=None)
     ),
@@ -219,9 +221,9 @@ def test_stored_tests_are_read_back_equal(folder: Path, name: str) -> None:
         assert store.config == CONFIG
         (read,) = store.tests(with_trajectory=True)
         assert plain(read) == as_read(test)
-        ((candidate, before),) = store.candidates()
+        ((candidate, results_before),) = store.candidates()
         assert plain([candidate, store.candidate(1)]) == 2 * [as_read(test)["candidate"]]
-        assert before == 0
+        assert results_before == 0
         (without,) = store.tests()
         assert plain(without) == as_read(test) | {"trajectory": None}
         assert without.trajectory is None
@@ -230,7 +232,7 @@ def test_stored_tests_are_read_back_equal(folder: Path, name: str) -> None:
             assert array is None or not array.flags.writeable
 
 
-def test_no_column_is_left_out(store: CampaignStore) -> None:
+def test_the_full_test_has_a_value_in_each_column(store: CampaignStore) -> None:
     store.add_candidate(FULL.candidate)
     store.add_result(FULL)
     (row,) = store.rows("SELECT * FROM test")
@@ -238,9 +240,9 @@ def test_no_column_is_left_out(store: CampaignStore) -> None:
 
 
 @pytest.mark.parametrize("value", [np.nan, -np.inf])
-def test_numbers_are_finite(store: CampaignStore, value: float) -> None:
-    asked = [column for column in ASKED if column.kind in ("REAL", "REALS", "PAIRS")]
-    for column in asked:
+def test_numbers_that_are_not_finite_are_refused(store: CampaignStore, value: float) -> None:
+    candidate_columns = [column for column in ASKED if column.kind in ("REAL", "REALS", "PAIRS")]
+    for column in candidate_columns:
         bad = value if column.kind == "REAL" else np.full((3, 2)[: len(column.kind) - 3], value)
         with pytest.raises(ValueError, match=column.name):
             store.add_candidate(changed(FULL, column.path, bad).candidate)
@@ -249,7 +251,7 @@ def test_numbers_are_finite(store: CampaignStore, value: float) -> None:
             store.add_candidate(changed(FULL.candidate, name, {"fog": value}))
     store.add_candidate(FULL.candidate)
     result_columns = [
-        column for column in FINISHED if column.kind == "REAL" and column not in asked
+        column for column in FINISHED if column.kind == "REAL" and column not in candidate_columns
     ]
     for column in result_columns:
         with pytest.raises(ValueError, match=column.name):
@@ -259,12 +261,12 @@ def test_numbers_are_finite(store: CampaignStore, value: float) -> None:
         store.add_result(changed(FULL, "result.findings", (replace(finding, limit=value),)))
     store.add_result(FULL)
     assert plain(store.test(1)) == as_read(FULL)
-    assert len(asked) + len(result_columns) > 12
+    assert len(candidate_columns) + len(result_columns) > 12
 
 
-def test_a_campaign_that_does_not_record_its_setting_can_be_read(folder: Path) -> None:
+def test_a_campaign_without_recorded_terms_can_be_read(folder: Path) -> None:
     with CampaignStore.create(folder, {"seed": 7}) as store:
-        tell(store, 1)
+        add_tests(store, 1)
         test = store.test(1)
         assert plain(test) == as_read(make_test(1), None)
         with refused("does not say with what test 1 was driven"):
@@ -273,17 +275,17 @@ def test_a_campaign_that_does_not_record_its_setting_can_be_read(folder: Path) -
             _ = store.setting
 
 
-# The plain twin
+# A store compared with plain lists
 
 
-Asked: TypeAlias = list[tuple[Candidate, int]]
+Candidates: TypeAlias = list[tuple[Candidate, int]]
 
 
-def require_same(store: CampaignStore, asked: Asked, results: list[Test]) -> None:
-    """A store holds just what was asked, after how many results, and told, in this order."""
+def require_same(store: CampaignStore, candidates: Candidates, results: list[Test]) -> None:
+    """Require that a store holds these candidates and results, in this order, and no others."""
     expected = [as_read(test) for test in results]
     assert plain(list(store.tests(with_trajectory=True))) == expected
-    assert plain(list(store.candidates())) == plain(asked)
+    assert plain(list(store.candidates())) == plain(candidates)
     failed = [test["result_number"] for test in expected if test["result"]["outcome"] == "FAIL"]
     assert [test.result_number for test in store.tests(Outcome.FAIL, limit=2)] == failed[:2]
     moobds = sorted((test.moobd is None, test.moobd or 0.0) for test in results)
@@ -303,28 +305,28 @@ def require_same(store: CampaignStore, asked: Asked, results: list[Test]) -> Non
     for test in results[-1:]:
         assert plain(store.test(test.id)) == expected[-1]
         assert plain(store.trajectory(test.id)) == expected[-1]["trajectory"]
-    for candidate, _ in asked[-1:]:
+    for candidate, _ in candidates[-1:]:
         assert plain(store.candidate(candidate.id)) == plain(candidate)
 
 
 @pytest.mark.parametrize("seed", range(12))
-def test_a_store_holds_all_candidates_and_results_whatever_breaks_off(
+def test_a_store_holds_all_candidates_and_results_after_broken_writes(
     folder: Path, breaking: type[Breaking], seed: int
 ) -> None:
-    """Readers see all that was written, all at once, and nothing else; the rest waits."""
+    """Readers see whole transactions only; what was not written yet is written later."""
     rng = Random(seed)
-    asked: Asked = []
+    candidates: Candidates = []
     results: list[Test] = []
     waiting: list[int] = []
-    written = 0, 0  # asked and told
+    written = 0, 0  # numbers of candidates and of results
     store, reader = CampaignStore.create(folder, CONFIG), CampaignStore.open(folder)
     deeds = ("ask", "ask", "tell", "tell", "write", "break", "break", "look", "reopen")
     for deed in rng.choices(deeds, k=30):
         if deed == "ask":
-            last = asked[-1][0].id if asked else 0
-            asked.append((make_candidate(last + rng.randint(1, 2)), len(results)))
-            waiting.append(asked[-1][0].id)
-            store.add_candidate(asked[-1][0])
+            last = candidates[-1][0].id if candidates else 0
+            candidates.append((make_candidate(last + rng.randint(1, 2)), len(results)))
+            waiting.append(candidates[-1][0].id)
+            store.add_candidate(candidates[-1][0])
         elif deed == "tell" and waiting:
             id = waiting.pop(rng.randrange(len(waiting)))  # noqa: A001
             results.append(make_test(id, rng.choice([*Outcome, Outcome.FAIL]), len(results) + 1))
@@ -333,22 +335,22 @@ def test_a_store_holds_all_candidates_and_results_whatever_breaks_off(
             breaking.left, breaking.is_after = rng.choice([1, 2, 3, 4, 5, 5]), rng.random() < 0.5
             errors = [KeyboardInterrupt(), sqlite3.OperationalError("disk I/O error")]
             breaking.error = errors[not breaking.is_after and rng.random() < 0.5]
-            is_held, is_last = written != (len(asked), len(results)), breaking.left == 5
+            is_held, is_last = written != (len(candidates), len(results)), breaking.left == 5
             with pytest.raises((CampaignError, KeyboardInterrupt)) if is_held else nullcontext():
                 store.write()
             breaking.left = 0
             if breaking.is_after and is_last:  # it commits
-                written = len(asked), len(results)
+                written = len(candidates), len(results)
         elif deed in ("write", "look", "reopen"):
             if deed == "write":
                 store.write()
             elif deed == "look":
-                require_same(store, asked, results)
+                require_same(store, candidates, results)
             else:
                 store.close()
                 store = CampaignStore.open(folder, readonly=False)
-            written = len(asked), len(results)
-        require_same(reader, asked[: written[0]], results[: written[1]])
+            written = len(candidates), len(results)
+        require_same(reader, candidates[: written[0]], results[: written[1]])
     store.close()
     reader.close()
 
@@ -356,20 +358,20 @@ def test_a_store_holds_all_candidates_and_results_whatever_breaks_off(
 # Reading
 
 
-def test_a_reader_sees_the_moment_it_asked_while_the_writer_goes_on(store: CampaignStore) -> None:
-    many = 1200  # read in parts
-    for id in range(1, many + 1):  # noqa: A001
+def test_a_reader_sees_the_results_of_the_moment_when_it_began(store: CampaignStore) -> None:
+    count = 1200  # more rows than are read at once
+    for id in range(1, count + 1):  # noqa: A001
         store.add_candidate(make_candidate(id, 2))
         store.add_result(make_test(id, Outcome.INVALID))
     store.write()
     with CampaignStore.open(store.folder) as reader:
         writer_tests, tests, candidates = store.tests(), reader.tests(), reader.candidates()
         assert [next(iterator).result_number for iterator in (writer_tests, tests)] == [1, 1]
-        tell(store, many + 1)
-        assert [test.result_number for test in writer_tests] == list(range(2, many + 1))
-        assert [test.result_number for test in tests] == list(range(2, many + 1))
-        assert [candidate.id for candidate, _ in candidates] == list(range(1, many + 1))
-        assert plain(reader.test(many + 1)) == as_read(make_test(many + 1))
+        add_tests(store, count + 1)
+        assert [test.result_number for test in writer_tests] == list(range(2, count + 1))
+        assert [test.result_number for test in tests] == list(range(2, count + 1))
+        assert [candidate.id for candidate, _ in candidates] == list(range(1, count + 1))
+        assert plain(reader.test(count + 1)) == as_read(make_test(count + 1))
 
 
 def test_facts_are_replaced(folder: Path) -> None:
@@ -392,10 +394,10 @@ def test_facts_are_replaced(folder: Path) -> None:
 # Misuse
 
 
-def test_unknown_ids_are_named_and_numpy_ids_are_known(store: CampaignStore) -> None:
+def test_unknown_ids_are_refused_and_numpy_ids_are_accepted(store: CampaignStore) -> None:
     with refused("no test of candidate 1: there are none so far"):
         store.test(1)
-    tell(store, 1)
+    add_tests(store, 1)
     store.add_candidate(make_candidate(2))
     store.add_result(make_test(2))
     store.add_candidate(make_candidate(4))
@@ -410,7 +412,7 @@ def test_unknown_ids_are_named_and_numpy_ids_are_known(store: CampaignStore) -> 
     assert [test.id for test in store.tests(limit=number)] == [1]
 
 
-def test_the_id_of_a_candidate_is_new(finished: Path) -> None:
+def test_a_candidate_with_an_old_id_is_refused(finished: Path) -> None:
     with CampaignStore.open(finished, readonly=False) as store:
         for id in (1, 10):  # noqa: A001
             with refused("already holds candidate 10"):
@@ -418,10 +420,10 @@ def test_the_id_of_a_candidate_is_new(finished: Path) -> None:
 
 
 def test_a_second_writer_is_refused_and_nothing_is_overwritten(store: CampaignStore) -> None:
-    tell(store, 1)
+    add_tests(store, 1)
     with refused("is being written by this process"):
         CampaignStore.open(store.folder, readonly=False)
-    tell(store, 2)
+    add_tests(store, 2)
     store.close()
     store.close()
     before = (store.folder / DATABASE).read_bytes()
@@ -432,7 +434,7 @@ def test_a_second_writer_is_refused_and_nothing_is_overwritten(store: CampaignSt
     CampaignStore.open(store.folder, readonly=False).close()
 
 
-def test_a_reader_writes_nothing_and_a_closed_store_says_so(finished: Path) -> None:
+def test_a_reader_and_a_closed_store_refuse_to_write(finished: Path) -> None:
     with CampaignStore.open(finished) as store:
         writes: list[Callable[[], None]] = [
             lambda: store.add_candidate(make_candidate(11)),
@@ -453,7 +455,7 @@ def test_a_reader_writes_nothing_and_a_closed_store_says_so(finished: Path) -> N
 # Folders
 
 
-def test_a_creation_counts_when_it_is_complete_and_the_first_one_stays(
+def test_a_campaign_exists_once_it_is_complete_and_is_never_replaced(
     folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     for config in ({"seed": object()}, {"rate": float("nan")}):
@@ -478,7 +480,7 @@ def test_a_creation_counts_when_it_is_complete_and_the_first_one_stays(
     assert sorted(path.name for path in folder.iterdir()) == ["campaign.lock", DATABASE]
 
 
-def test_folders_that_cannot_be_made_or_hold_no_campaign_are_named(tmp_path: Path) -> None:
+def test_unusable_folders_are_named_and_left_alone(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("precious")
     for below in ("file", "file/deeper", "x" * 5000):
         with refused("cannot make the folder .*choose another place"):
@@ -495,20 +497,22 @@ def test_folders_that_cannot_be_made_or_hold_no_campaign_are_named(tmp_path: Pat
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="folders have no such permissions there")
-def test_folders_without_permission(finished: Path, tmp_path: Path) -> None:
-    shut = tmp_path / "shut"
-    shut.mkdir()
-    shut.chmod(0o555)
+def test_a_folder_without_write_permission_can_be_read_but_not_created(
+    finished: Path, tmp_path: Path
+) -> None:
+    unwritable = tmp_path / "shut"
+    unwritable.mkdir()
+    unwritable.chmod(0o555)
     finished.chmod(0o555)
     try:
-        with bound_by_permissions(shut, finished):
-            for place in (shut, shut / "below"):
+        with bound_by_permissions(unwritable, finished):
+            for folder in (unwritable, unwritable / "below"):
                 with refused("ermission"):
-                    CampaignStore.create(place, CONFIG)
+                    CampaignStore.create(folder, CONFIG)
             with CampaignStore.open(finished) as store:  # reading needs no permission to write
                 assert store.counts().result_count == 10
     finally:
-        shut.chmod(0o755)
+        unwritable.chmod(0o755)
         finished.chmod(0o755)
 
 
@@ -536,7 +540,7 @@ def foreign_database(path: Path, application_id: int, version: int) -> bytes:
         (b"SQLite format 3\0" + b"x" * 84, "is not a"),
     ],
 )
-def test_other_files_are_refused_and_left_alone(
+def test_foreign_databases_are_refused_and_left_alone(
     tmp_path: Path, content: tuple[int, int] | bytes, message: str, readonly: bool
 ) -> None:
     path = tmp_path / DATABASE
@@ -571,11 +575,11 @@ DAMAGE = [
     ("UPDATE test SET trajectory = NULL WHERE id = 4", "trajectory of test 4 is gone"),
     ("UPDATE test SET reason = CAST(x'ff41' AS TEXT) WHERE id = 4", "not decode to UTF-8"),
 ]
-"""Damage -> what is said of it."""
+"""Statements that damage the test 4, and the message about the damage."""
 
 
 @pytest.mark.parametrize(("statement", "message"), DAMAGE)
-def test_damage_is_named_by_readers_and_the_check_and_the_rest_still_read(
+def test_readers_and_the_check_name_damage_and_other_tests_can_be_read(
     finished: Path, statement: str, message: str
 ) -> None:
     execute(finished, statement)
@@ -592,7 +596,7 @@ def test_damage_is_named_by_readers_and_the_check_and_the_rest_still_read(
             assert plain(store.test(5)) == as_read(make_test(5))
 
 
-def test_a_row_that_is_deleted_while_it_is_read_is_missed(finished: Path) -> None:
+def test_a_row_that_is_deleted_while_rows_are_read_is_reported(finished: Path) -> None:
     with CampaignStore.open(finished) as store:
         tests, candidates = store.tests(), store.candidates()
         execute(finished, "DELETE FROM test WHERE id = 7")
@@ -602,7 +606,7 @@ def test_a_row_that_is_deleted_while_it_is_read_is_missed(finished: Path) -> Non
 
 
 @pytest.mark.parametrize("value", ["[", "[]", "null", "[" * 100_000, None])
-def test_a_config_that_is_damaged_or_missing_is_named(finished: Path, value: str | None) -> None:
+def test_a_damaged_or_missing_configuration_is_refused(finished: Path, value: str | None) -> None:
     if value is None:
         execute(finished, "DELETE FROM fact WHERE name = 'config'")
     else:
@@ -612,63 +616,61 @@ def test_a_config_that_is_damaged_or_missing_is_named(finished: Path, value: str
             CampaignStore.open(finished, readonly)
 
 
-# When things go wrong
+# Full disks and locks
 
 
 @pytest.fixture
-def full(monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[[int], None]]:
-    """Lets the databases opened from now on grow by some pages only, by any number for 0."""
+def limit_pages(monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[[int], None]]:
+    """Limit how many pages databases opened from now on may grow; 0: no limit."""
     monkeypatch.setattr(sqlite3, "connect", partial(sqlite3.connect, factory=Bounded))
     with monkeypatch.context() as context:
         yield lambda pages: context.setattr(Bounded, "pages", pages or None)
 
 
-def test_a_full_disk_loses_nothing_that_was_stored(
-    folder: Path, full: Callable[[int], None]
-) -> None:
+def test_a_full_disk_loses_no_result(folder: Path, limit_pages: Callable[[int], None]) -> None:
     def fill(store: CampaignStore, number: int) -> None:
         store.add_candidate(make_candidate(number))
         store.add_result(make_test(number, Outcome.FAIL))
         store.write()
 
     with CampaignStore.create(folder, CONFIG) as store:
-        full(40)
+        limit_pages(40)
         with refused(f"{DATABASE} .*the disk is full: free"):
             for number in range(1, 1000):
                 fill(store, number)
-        for more in range(1, 4):
+        for extra in range(1, 4):
             with refused("the disk is full"):
-                fill(store, number + more)
+                fill(store, number + extra)
         assert store.stored() == number - 1 > 3
-        full(0)  # space was made: all that waited goes in
+        limit_pages(0)  # there is space again: all that waited is written
         store.write()
         expected = [as_read(make_test(test_id, Outcome.FAIL)) for test_id in range(1, number + 4)]
         assert plain(list(store.tests(with_trajectory=True))) == expected
 
 
 def test_closing_on_a_full_disk_still_closes_and_hides_no_other_error(
-    folder: Path, full: Callable[[int], None]
+    folder: Path, limit_pages: Callable[[int], None]
 ) -> None:
     with pytest.raises(KeyError), CampaignStore.create(folder, CONFIG) as store:  # noqa: PT012
-        full(1)
+        limit_pages(1)
         store.add_candidate(make_candidate(1, samples=10_000))
         raise KeyError
     store = CampaignStore.open(folder, readonly=False)
     store.add_candidate(make_candidate(1, samples=10_000))
     with refused("the disk is full"):
         store.close()
-    with CampaignStore.open(folder, readonly=False) as again:
-        assert list(again.candidates()) == []
+    with CampaignStore.open(folder, readonly=False) as reopened:
+        assert list(reopened.candidates()) == []
 
 
-def test_a_database_locked_by_another_program(
+def test_a_database_locked_by_another_program_is_written_later(
     finished: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     connect = sqlite3.connect
     monkeypatch.setattr(
         sqlite3,
         "connect",
-        lambda *arguments, **more: connect(*arguments, **(more | {"timeout": 0.0})),
+        lambda *arguments, **options: connect(*arguments, **(options | {"timeout": 0.0})),
     )
     with (
         closing(sqlite3.connect(finished / DATABASE, isolation_level=None)) as other,
@@ -676,7 +678,7 @@ def test_a_database_locked_by_another_program(
     ):
         other.execute("BEGIN IMMEDIATE")
         with refused("in use by another program"):
-            tell(store, 11)
+            add_tests(store, 11)
         other.execute("ROLLBACK")
         store.write()
         assert plain(store.test(11)) == as_read(make_test(11))

@@ -1,4 +1,4 @@
-"""What testing one road gives: placed, judged, driven, and whatever the simulator does."""
+"""`RoadTester`: one road is placed, checked, driven in its conditions and judged."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ def through(*points: tuple[float, float]) -> Candidate:
 
 
 class Altered(DummySimulator):
-    """Counts its drives, and alters each."""
+    """Counts its drives, and changes the record of each."""
 
     def __init__(self, drift: float = 0.0, alter: Callable[[Drive], Drive] = lambda d: d) -> None:
         super().__init__(lambda road: drift)
@@ -57,14 +57,14 @@ class Altered(DummySimulator):
 
 
 def attempt_at(candidate: Candidate, simulator: Altered | None = None) -> Attempt:
-    """Its test, which drives if the road is valid, and only then."""
+    """Attempt at a candidate, which is driven exactly if its road is valid."""
     simulator = simulator or Altered()
     attempt = RoadTester(simulator, DummyDriver()).test(candidate)
     assert simulator.drives == (attempt.result.outcome is not Outcome.INVALID)
     return attempt
 
 
-def test_passing_road_is_driven_where_it_fits_the_map() -> None:
+def test_a_road_is_driven_where_it_fits_the_map() -> None:
     attempt = attempt_at(curved(*[0.0] * 10))
     assert attempt.result.outcome is Outcome.PASS
     assert attempt.result.moobd == pytest.approx(2.0, abs=1e-6)
@@ -76,24 +76,24 @@ def test_passing_road_is_driven_where_it_fits_the_map() -> None:
     assert 35.0 < np.degrees(long.heading) % 90.0 < 55.0
     points = attempt_at(through((20.0, 30.0), (60.0, 30.0), (120.0, 30.0)))
     assert points.result.outcome is Outcome.PASS
-    assert points.pose == pytest.approx((20.0, 30.0, 0.0), abs=1e-6)  # where they lie
+    assert points.pose == pytest.approx((20.0, 30.0, 0.0), abs=1e-6)  # points are not moved
 
 
-def test_a_candidate_is_driven_in_its_conditions_and_only_it() -> None:
+def test_conditions_of_a_candidate_hold_for_its_drive_only() -> None:
     tester = RoadTester(EmbeddedSimulator(), Planner())
     bent = curved(0.0, 0.02, 0.04, 0.04, 0.02, 0.0, 0.0, 0.0)
-    usual, slow, again = (
+    usual, slow, repeated = (
         tester.test(replace(bent, conditions=conditions))
         for conditions in ({}, {"speed": 30.0, "noise": 0.2}, {})
     )
-    assert usual.result == again.result != slow.result
+    assert usual.result == repeated.result != slow.result
     assert usual.trajectory is not None
     assert slow.trajectory is not None
     assert slow.trajectory.speed.max() < 9.0 < usual.trajectory.speed.max()
 
 
 @pytest.mark.parametrize(
-    ("candidate", "why", "is_placed"),
+    ("candidate", "reason", "is_placed"),
     [
         (curved(*[0.0] * 40), "does not fit the map of 200 m", False),
         (curved(*[0.07] * 12), "self-intersecting", True),
@@ -107,16 +107,16 @@ def test_a_candidate_is_driven_in_its_conditions_and_only_it() -> None:
         (through((20, 30), (60, 30), (60, 35), (20, 35)), "self-intersecting", False),
     ],
 )
-def test_refused_roads_cost_no_simulation(candidate: Candidate, why: str, is_placed: bool) -> None:
+def test_invalid_roads_are_not_driven(candidate: Candidate, reason: str, is_placed: bool) -> None:
     attempt = attempt_at(candidate)
     assert attempt.result.outcome is Outcome.INVALID
-    assert why in attempt.result.reason
+    assert reason in attempt.result.reason
     assert (attempt.pose is not None) == is_placed
     assert attempt.trajectory is None
     assert attempt.result.duration is None
 
 
-def test_a_simulator_that_raises_or_records_no_numbers_is_an_error_of_its_test() -> None:
+def test_a_simulator_that_raises_or_records_nan_makes_the_test_an_error() -> None:
     def break_down(drive: Drive) -> Drive:
         raise ConnectionError("lost the\nsimulator")
 
@@ -132,10 +132,10 @@ def test_a_simulator_that_raises_or_records_no_numbers_is_an_error_of_its_test()
     assert spoilt.trajectory is broken.trajectory is None
     result, fault = broken.result, broken.result.fault
     assert fault is not None
-    here = "test_tester.py"
-    assert (fault.part, fault.kind, fault.file) == ("simulator", "ConnectionError", here)
-    raised = "the simulator raised ConnectionError: lost the simulator"
-    assert result.reason.startswith(f"{raised} ({here}:{fault.line}:")
+    this_file = "test_tester.py"
+    assert (fault.part, fault.kind, fault.file) == ("simulator", "ConnectionError", this_file)
+    message = "the simulator raised ConnectionError: lost the simulator"
+    assert result.reason.startswith(f"{message} ({this_file}:{fault.line}:")
     assert 'raise ConnectionError("lost the\\nsimulator")' in result.reason
     assert broken.trouble is not None
     assert "in break_down\n" in broken.trouble.traceback
@@ -157,27 +157,27 @@ class Same(Strategy):
     def tell(self, evaluation):
         pass
 """
-"""A strategy that proposes the same road always, in the conditions of its domain."""
+"""A strategy that always proposes the same road, in the conditions of its domain."""
 AMOUNTS = {"delay": 0.1, "friction": 0.6, "speed": 50.0}
 TOML = "\n".join(f"{name} = {amount}" for name, amount in AMOUNTS.items())
 
 
-def test_conditions_give_the_same_drive_wherever_they_are_said(frenetic: Frenetic) -> None:
-    """As options, in a file, by a domain, as variations of a rerun, and as terms from Python."""
+def test_conditions_give_the_same_drive_from_every_source(frenetic: Frenetic) -> None:
+    """Options, a file, a domain, variations of a rerun, and terms from Python."""
     Path("same.py").write_text(SAME)
     Path("run.toml").write_text(f"[with]\n{TOML}\n")
     Path("domain.toml").write_text(f"[conditions]\n{TOML}\n")
     search = ("--strategy", "same.py:Same", "--simulations", "1", "--workers", "1", "--out")
     options = [text for n, amount in AMOUNTS.items() for text in ("--with", f"{n}={amount}")]
     vary = [text for n, amount in AMOUNTS.items() for text in ("--vary", f"{n}={amount}:{amount}")]
-    says = {
+    sources = {
         "options": options,
         "file": ["run.toml"],
         "domain": ["--odd", "domain.toml"],
         "usual": [],
     }
-    for folder, said in says.items():
-        answer = frenetic("run", *said, *search, folder)
+    for folder, words in sources.items():
+        answer = frenetic("run", *words, *search, folder)
         assert answer.code == 0, answer.err
     assert frenetic("rerun", "usual", "1", *vary, "--times", "1", "--out", "varied").code in (0, 1)
     Campaign(
@@ -188,22 +188,22 @@ def test_conditions_give_the_same_drive_wherever_they_are_said(frenetic: Freneti
         folder="terms",
     ).run(1)
     drives = {}
-    for place in ("usual", "options", "file", "domain", "varied", "terms"):
-        with CampaignStore.open(place) as store:
+    for folder in ("usual", "options", "file", "domain", "varied", "terms"):
+        with CampaignStore.open(folder) as store:
             trajectory = store.test(1).trajectory
         assert trajectory is not None
-        drives[place] = trajectory.to_rows()
-    usual = drives.pop("usual")
+        drives[folder] = trajectory.to_rows()
+    without = drives.pop("usual")
     by_hand = EmbeddedSimulator(rules=Rules().with_speed(50.0), friction=0.6)
     with CampaignStore.open("terms") as store:
         drive = by_hand.drive(store.test(1).road, Delayed(Planner(), seconds=0.1))
     for rows in drives.values():
-        assert rows.shape != usual.shape
+        assert rows.shape != without.shape
         np.testing.assert_allclose(rows, drive.trajectory.to_rows(), atol=0.002)
         np.testing.assert_array_equal(rows, drives["terms"])
 
 
-OWN = """
+OWN_DRIVERS = """
 import os
 from frenetic import Planner
 
@@ -220,11 +220,11 @@ class Plain(Planner):
 """
 
 
-class Telling(EmbeddedSimulator):
-    """Says in a file in which process its driver was made, and in which it drives."""
+class RecordingProcesses(EmbeddedSimulator):
+    """Writes the ids of the processes in which its driver was made and drives."""
 
     def drive(self, road: Road, driver: Driver) -> Drive:
-        Path("told").write_text(f"{driver.made_in} {os.getpid()}")  # type: ignore[attr-defined]
+        Path("processes").write_text(f"{driver.made_in} {os.getpid()}")  # type: ignore[attr-defined]
         return super().drive(road, driver)
 
 
@@ -232,26 +232,26 @@ def test_another_process_makes_named_parts_anew_and_copies_objects(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    Path("own.py").write_text(OWN)
-    simulator = f"{__name__}:Telling"
+    Path("own.py").write_text(OWN_DRIVERS)
+    simulator = f"{__name__}:RecordingProcesses"
 
-    def told(tester: RoadTester) -> list[int]:
+    def processes_of(tester: RoadTester) -> list[int]:
         with DriveProcess(tester) as process:
             assert process.drive(Road([0.0] * 8)).trouble is None
-        return [int(text) for text in Path("told").read_text().split()]
+        return [int(text) for text in Path("processes").read_text().split()]
 
     with own_modules():
         named = RoadTester.of(Spec(driver="own.py:Mine", simulator=simulator))
-        made_in, driven_in = told(named)
+        made_in, driven_in = processes_of(named)
         assert made_in == driven_in != os.getpid()
-        copied = RoadTester(Telling(), DRIVERS.make("own.py:Plain"))
-        made_in, driven_in = told(copied)
+        copied = RoadTester(RecordingProcesses(), DRIVERS.make("own.py:Plain"))
+        made_in, driven_in = processes_of(copied)
         assert made_in == os.getpid() != driven_in
         with refused("cannot be copied to another process"):
-            DriveProcess(RoadTester(Telling(), DRIVERS.make("own.py:Mine")))
+            DriveProcess(RoadTester(RecordingProcesses(), DRIVERS.make("own.py:Mine")))
 
 
-COUNTED = """
+COUNTED_DRIVER = """
 import os
 from frenetic import Planner
 
@@ -267,7 +267,7 @@ class Counted(Planner):
 def test_a_users_driver_is_made_once_in_each_process_that_uses_it(
     tmp_path: Path, workers: int
 ) -> None:
-    (tmp_path / "counted.py").write_text(COUNTED)
+    (tmp_path / "counted.py").write_text(COUNTED_DRIVER)
     search = ["run", "--driver", "counted.py:Counted", "--simulations", "4", "--strategy", "random"]
     subprocess.run(
         [sys.executable, "-m", "frenetic", *search, "--seed", "1", "--workers", str(workers)],

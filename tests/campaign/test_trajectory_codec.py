@@ -1,4 +1,4 @@
-"""What a stored trajectory keeps, and what a damaged one does."""
+"""Stored trajectories: their precision and size, and damaged ones."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ HALF_STEPS = 0.5 * np.array(list(RESOLUTIONS.values()))
 
 
 def winding_drive(records: int = 500, seed: int = 0) -> Trajectory:
-    """A car on curves at 0 to 20 m/s, recorded at 20 Hz; its driver holds each control a while."""
+    """A car on curves at 0 to 20 m/s, recorded at 20 Hz; controls change once a second."""
     rng = np.random.default_rng(seed)
     time = 0.05 * np.arange(records, dtype=np.float64)
     holds = 20
@@ -49,7 +49,7 @@ def winding_drive(records: int = 500, seed: int = 0) -> Trajectory:
 
 @st.composite
 def trajectories(draw: st.DrawFn) -> Trajectory:
-    """Any numbers within reason: rough, smooth, constant, jumping, empty."""
+    """Trajectories that are rough, smooth, constant, jumping or empty."""
     records = draw(st.integers(0, 40))
     seed = draw(st.integers(0, 2**32 - 1))
     scale = draw(st.sampled_from([0.0, 1e-5, 1e-2, 1.0, 1e3, 1e9]))
@@ -64,21 +64,22 @@ def trajectories(draw: st.DrawFn) -> Trajectory:
 
 
 @given(trajectories())
-def test_values_come_back_within_half_a_resolution_and_then_to_the_bit(
+def test_a_round_trip_is_within_half_a_resolution_and_a_second_is_exact(
     trajectory: Trajectory,
 ) -> None:
     data, original = encode(trajectory), trajectory.to_rows()
-    back = decode(data)
+    decoded = decode(data)
     rounding = 4.0 * np.finfo(float).eps * np.abs(original)
-    assert back.to_rows().shape == original.shape
-    assert (np.abs(back.to_rows() - original) <= HALF_STEPS + rounding).all()
-    assert encode(back) == data
-    assert rounded(trajectory).to_rows().tobytes() == back.to_rows().tobytes()
+    assert decoded.to_rows().shape == original.shape
+    assert (np.abs(decoded.to_rows() - original) <= HALF_STEPS + rounding).all()
+    assert encode(decoded) == data
+    assert rounded(trajectory).to_rows().tobytes() == decoded.to_rows().tobytes()
 
 
 def test_a_usual_drive_takes_a_few_kilobytes() -> None:
     assert len(DATA) < 8_000
-    assert decode(DATA).time.tolist() == [round(0.05 * k, 2) for k in range(500)]  # decimal numbers
+    times = [round(0.05 * k, 2) for k in range(500)]  # s, exactly as written in decimals
+    assert decode(DATA).time.tolist() == times
 
 
 @pytest.mark.parametrize("value", [np.nan, -np.inf, 1e300, -1e20])
@@ -104,9 +105,9 @@ BODY = zlib.decompress(STREAM)
 def stored(
     count: int = 500, width: int = WIDTH, places: bytes = PLACES, stream: bytes = STREAM
 ) -> bytes:
-    """A trajectory as it is stored, with the right checksum."""
-    own = struct.pack("<IBB", count, len(places), width) + places + stream
-    return struct.pack("<I", zlib.crc32(own)) + own
+    """Bytes of a stored trajectory, with the right checksum."""
+    content = struct.pack("<IBB", count, len(places), width) + places + stream
+    return struct.pack("<I", zlib.crc32(content)) + content
 
 
 @pytest.mark.parametrize(
@@ -134,17 +135,17 @@ def stored(
         (stored(width=8, stream=zlib.compress(b"\x7f" * 8 * 11 * 500)), "out of range"),
     ],
 )
-def test_damaged_data_is_named(data: bytes, message: str) -> None:
+def test_damaged_data_is_refused(data: bytes, message: str) -> None:
     assert stored() == DATA
     with refused(message):
         decode(data)
 
 
 @given(st.binary(max_size=200))
-def test_arbitrary_bytes_raise_nothing_else(data: bytes) -> None:
-    for attempt in (data, struct.pack("<I", zlib.crc32(data)) + data, stored(stream=data)):
+def test_arbitrary_bytes_raise_a_campaign_error(data: bytes) -> None:
+    for damaged in (data, struct.pack("<I", zlib.crc32(data)) + data, stored(stream=data)):
         with pytest.raises(CampaignError):
-            decode(attempt)
+            decode(damaged)
 
 
 @given(st.integers(0, 8), st.integers(0, 300), st.binary(max_size=3000))
@@ -153,9 +154,9 @@ def test_arbitrary_bodies_decode_to_finite_numbers_or_are_refused(
     width: int, count: int, body: bytes
 ) -> None:
     needed = 11 * count * width
-    for attempt in (body, (body or b"\xff").ljust(needed, body[:1] or b"\xff")[:needed]):
+    for filled in (body, (body or b"\xff").ljust(needed, body[:1] or b"\xff")[:needed]):
         try:
-            trajectory = decode(stored(count, width, stream=zlib.compress(attempt)))
+            trajectory = decode(stored(count, width, stream=zlib.compress(filled)))
         except CampaignError:
             continue
         assert len(trajectory) == count

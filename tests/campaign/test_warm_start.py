@@ -1,4 +1,4 @@
-"""Campaigns that start from earlier ones."""
+"""Campaigns that start from the failures of earlier campaigns."""
 
 from __future__ import annotations
 
@@ -27,8 +27,8 @@ from frenetic.simulators import EmbeddedSimulator
 SIMULATIONS = 60
 
 
-class Noting(Frenetic):
-    """Notes what it starts from."""
+class Recording(Frenetic):
+    """Records the evaluations that it starts from."""
 
     earlier: tuple[Evaluation, ...] = ()
 
@@ -40,7 +40,7 @@ class Noting(Frenetic):
 def search(
     folder: Path, *earlier: Path, simulations: int = SIMULATIONS, **options: Any
 ) -> Campaign:
-    usual = {"strategy": Noting(seed=5), "driver": Planner(), "simulator": EmbeddedSimulator()}
+    usual = {"strategy": Recording(seed=5), "driver": Planner(), "simulator": EmbeddedSimulator()}
     return campaign(folder, simulations, start_from=earlier, **(usual | options))
 
 
@@ -54,26 +54,30 @@ def first(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def second(tmp_path_factory: pytest.TempPathFactory, first: Path) -> Path:
-    """A campaign of the same driver that starts from it."""
+    """A campaign of the same driver that starts from the first."""
     folder = tmp_path_factory.mktemp("second") / "v2"
     search(folder, first).run()
     return folder
 
 
-def test_roads_of_the_earlier_campaign_are_driven_again_first(first: Path, second: Path) -> None:
+def test_roads_of_the_earlier_campaign_are_driven_first_and_fail_again(
+    first: Path, second: Path
+) -> None:
     with CampaignStore.open(first) as old, CampaignStore.open(second) as new:
-        again = driven_again(new)
+        repeats = driven_again(new)
         operators = [candidate.origin.operator for candidate, _ in new.candidates()]
-        assert operators.count(EARLIER) == len(again) > 10
+        assert operators.count(EARLIER) == len(repeats) > 10
         assert operators[0] == EARLIER
         assert EARLIER not in operators[SIMULATIONS // 2 :]
-        for number, test in again.items():
+        for number, test in repeats.items():
             assert test.candidate.source is not None
-            was, now = old.test(test.candidate.source.test), new.test(number)
-            assert was.candidate.curvatures.tobytes() == now.candidate.curvatures.tobytes()
-            # The same driver drives it the same.
-            assert (was.outcome, was.moobd) == (now.outcome, now.moobd)
-        failed = sum(test.outcome is Outcome.FAIL for test in again.values())
+            old_test, new_test = old.test(test.candidate.source.test), new.test(number)
+            assert (
+                old_test.candidate.curvatures.tobytes() == new_test.candidate.curvatures.tobytes()
+            )
+            # The same driver gives the same result.
+            assert (old_test.outcome, old_test.moobd) == (new_test.outcome, new_test.moobd)
+        failed = sum(test.outcome is Outcome.FAIL for test in repeats.values())
         assert failed > 5
         assert (
             still_failing(new) == f"{failed} of {failed} earlier failures driven again still failed"
@@ -82,17 +86,17 @@ def test_roads_of_the_earlier_campaign_are_driven_again_first(first: Path, secon
         counts, taken = old.counts(), len(read_earlier(new))
         assert (earlier.folder, earlier.taken, earlier.left_out) == (str(first), taken, 0)
         assert (earlier.simulations, earlier.failures) == (counts.simulations, counts.failed)
-        # What was known is told apart from what is new.
-        still = {n for n, test in again.items() if test.outcome is Outcome.FAIL}
+        # Known failures differ from new ones.
+        failing_ids = {n for n, test in repeats.items() if test.outcome is Outcome.FAIL}
         clusters = distinct_failures(new)
         assert 0 < clusters.known < len(clusters)
-        assert still <= {
+        assert failing_ids <= {
             number for cluster in clusters if cluster.was_known for number in cluster.ids
         }
     assert check_campaign(second).findings == ()
 
 
-def test_stopped_it_goes_on_without_the_earlier_campaign(
+def test_an_interrupted_campaign_goes_on_without_the_earlier_campaign(
     tmp_path: Path, first: Path, second: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     old, folder = tmp_path / "v1", tmp_path / "v2"
@@ -113,7 +117,7 @@ def test_stopped_it_goes_on_without_the_earlier_campaign(
 
 
 def test_roads_that_do_not_fit_are_left_out_and_counted(tmp_path: Path, first: Path) -> None:
-    smaller = search(tmp_path / "v2", first, strategy=Noting(seed=5, map_size=150.0))
+    smaller = search(tmp_path / "v2", first, strategy=Recording(seed=5, map_size=150.0))
     smaller.run()
     (earlier,) = smaller.start_from
     assert earlier.left_out > 0 < earlier.taken
@@ -124,7 +128,7 @@ def test_roads_that_do_not_fit_are_left_out_and_counted(tmp_path: Path, first: P
 def test_another_objective_is_measured_on_the_stored_drives(tmp_path: Path, first: Path) -> None:
     other = search(tmp_path / "v2", first, objective="lateral-acceleration", simulations=3)
     other.run()
-    assert isinstance(other.strategy, Noting)
+    assert isinstance(other.strategy, Recording)
     severities = [evaluation.severity for evaluation in other.strategy.earlier]
     assert all(value is not None and -25.0 < value < -1.0 for value in severities)
 
@@ -133,17 +137,17 @@ def test_another_objective_is_measured_on_the_stored_drives(tmp_path: Path, firs
 def test_a_strategy_gets_the_evaluations_of_earlier_drives(
     objective: str, tmp_path: Path, first: Path
 ) -> None:
-    strategy = Noting(seed=5)
+    strategy = Recording(seed=5)
     search(tmp_path / "v2", first, strategy=strategy, objective=objective, simulations=3).run()
     measured = Objective.load(objective)
     with CampaignStore.open(first) as old, CampaignStore.open(tmp_path / "v2") as new:
         for test, evaluation in zip(read_earlier(new), strategy.earlier, strict=True):
             assert test.candidate.source is not None
             number = test.candidate.source.test
-            was = evaluation_of(old.test(number), partial(old.trajectory, number), measured)
-            assert replace(was, candidate=evaluation.candidate, budget_spent=0.0) == evaluation
-            again = evaluation_of(test, partial(new.earlier_trajectory, test.id), measured)
-            assert plain(again.trace) == plain(was.trace)
+            original = evaluation_of(old.test(number), partial(old.trajectory, number), measured)
+            assert replace(original, candidate=evaluation.candidate, budget_spent=0.0) == evaluation
+            stored = evaluation_of(test, partial(new.earlier_trajectory, test.id), measured)
+            assert plain(stored.trace) == plain(original.trace)
 
 
 def test_several_campaigns_do_not_give_a_road_twice(
@@ -158,14 +162,14 @@ def test_several_campaigns_do_not_give_a_road_twice(
 
 
 @pytest.mark.parametrize("strategy", [RandomSearch(seed=1), Frenetic2021(seed=1)])
-def test_strategies_that_cannot_start_so_are_refused(strategy: Any, tmp_path: Path) -> None:
+def test_strategies_that_start_from_no_campaign_are_refused(strategy: Any, tmp_path: Path) -> None:
     with pytest.raises(ValueError, match="starts from no earlier campaign or real road: give none"):
         search(tmp_path / "v2", tmp_path, strategy=strategy)
 
 
-def test_without_a_road_that_fits_nothing_is_written(tmp_path: Path, first: Path) -> None:
+def test_an_earlier_campaign_without_a_fitting_road_is_refused(tmp_path: Path, first: Path) -> None:
     folder = tmp_path / "v2"
-    tiny = search(folder, first, strategy=Noting(seed=5, map_size=40.0))
+    tiny = search(folder, first, strategy=Recording(seed=5, map_size=40.0))
     with refused("nothing can be taken from"):
         tiny.run()
     with refused("does not exist"):
@@ -184,7 +188,7 @@ def test_without_a_road_that_fits_nothing_is_written(tmp_path: Path, first: Path
         ("finding", "side = 'up'", "earlier test 3: Invalid enum value 'up'"),
     ],
 )
-def test_a_changed_warm_start_is_found_and_not_resumed(
+def test_a_damaged_warm_start_is_a_finding_and_is_not_resumed(
     table: str, change: str, finding: str, tmp_path: Path, second: Path
 ) -> None:
     folder = tmp_path / "v2"

@@ -1,4 +1,4 @@
-"""Workers: whatever happens to them, each candidate comes back, and no process stays behind."""
+"""Workers: each candidate gets an answer, lost processes are replaced, and none stays behind."""
 
 from __future__ import annotations
 
@@ -109,7 +109,7 @@ class TestLocal(ProcessesContract):
         return partial(local, folder=tmp_path, count=2)
 
 
-# What drivers do to the process that they drive in
+# Deeds of simulators and drivers in their process
 
 LOST = "worker {} was lost: "
 FATAL: dict[str, tuple[str, ...]] = {
@@ -124,10 +124,10 @@ FATAL: dict[str, tuple[str, ...]] = {
     "hang_in_c": (LOST + "its drive took more than 3 s",),
     "close_everything": (LOST,),
     "write_nonsense": (LOST,),
-    # Whatever asks for memory first finds none.
+    # Any code may be the first that asks for memory.
     "limit_memory": (LOST, "the simulator raised MemoryError"),
 }
-"""Deed -> reasons of the one test that it costs."""
+"""Deed -> possible beginnings of the reason of the one test that it costs."""
 HARMLESS = (
     "change_folder",
     "change_signals",
@@ -145,46 +145,47 @@ HARMLESS = (
 
 @posix_only
 @pytest.mark.parametrize("deeds", [tuple(FATAL), HARMLESS], ids=["fatal", "harmless"])
-def test_a_driver_costs_at_most_its_own_test(
+def test_a_deed_in_a_drive_costs_at_most_one_test(
     tmp_path: Path, marks: Marks, deeds: Sequence[str]
 ) -> None:
-    """Each deed on a road of its own, between others on which it does nothing."""
+    """Each deed strikes on one road; between these roads there are others without a deed."""
     samples = {deed: number for number, deed in enumerate(deeds, start=8)}
     faults = [Fault(getattr(faulty, deed), marks.folder, samples[deed]) for deed in deeds]
     search = campaign(
         tmp_path / "c",
         2 * len(deeds),
-        strategy=Straight(*(one for deed in deeds for one in (samples[deed], 7))),
+        strategy=Straight(*(count for deed in deeds for count in (samples[deed], 7))),
         simulator=FaultySimulator(marks.folder, drive=faults),
         drive_limit=3.0 if "hang_in_c" in deeds else LIMIT,
     )
     search.isolate = True
-    here = Path.cwd(), sys.stdout, signal.getsignal(signal.SIGTERM), os.fstat(1), os.fstat(2)
+    state_before = Path.cwd(), sys.stdout, signal.getsignal(signal.SIGTERM)
+    files_before = os.fstat(1).st_ino, os.fstat(2).st_ino
     before = set(children(os.getpid()))
     summary = search.run()
     errors = len(deeds) if deeds is not HARMLESS else 0
     with CampaignStore.open(tmp_path / "c") as store:
         tests = {deed: store.test(2 * number + 1) for number, deed in enumerate(deeds)}
-    told = {deed: (test.outcome, test.reason, test.attempts) for deed, test in tests.items()}
-    assert (summary.passed, summary.errors) == (2 * len(deeds) - errors, errors), told
-    for deed, (outcome, reason, attempts) in told.items():
+    results = {deed: (test.outcome, test.reason, test.attempts) for deed, test in tests.items()}
+    assert (summary.passed, summary.errors) == (2 * len(deeds) - errors, errors), results
+    for deed, (outcome, reason, attempts) in results.items():
         if errors:
             assert (outcome, attempts) == (Outcome.ERROR, 2)
             assert "\n" not in reason
             assert reason.startswith(tuple(text.format(1) for text in FATAL[deed])), deed
-    if not errors:  # in peace
+    if not errors:  # each simulator was closed
         assert len(marks.numbers("end")) == len(events(tmp_path / "c", "worker_started"))
     assert check_campaign(tmp_path / "c").findings == ()
     assert os.getpid() not in marks.pids()
     until_gone(marks.pids())
     assert len(set(children(os.getpid())) - before) <= 2  # the servers of processes
-    assert here[:3] == (Path.cwd(), sys.stdout, signal.getsignal(signal.SIGTERM))
-    assert [s.st_ino for s in here[3:]] == [os.fstat(1).st_ino, os.fstat(2).st_ino]
+    assert state_before == (Path.cwd(), sys.stdout, signal.getsignal(signal.SIGTERM))
+    assert files_before == (os.fstat(1).st_ino, os.fstat(2).st_ino)
 
 
 @posix_only
 @pytest.mark.parametrize("deed", [fork, fork_and_leave, sys_exit])
-def test_forks_and_exits_of_a_driver_do_not_end_this_process(
+def test_forks_and_exits_of_a_driver_leave_this_process_alone(
     marks: Marks, tmp_path: Path, deed: Deed
 ) -> None:
     driver = FaultyDriver(Fault(deed, marks.folder, times=1))
@@ -196,15 +197,15 @@ def test_forks_and_exits_of_a_driver_do_not_end_this_process(
 
 
 @pytest.mark.parametrize("simulator", [NoDrive(), FarAway()])
-def test_nonsense_of_a_simulator_is_a_failed_attempt(tmp_path: Path, simulator: Simulator) -> None:
+def test_an_unusable_drive_is_a_failed_attempt(tmp_path: Path, simulator: Simulator) -> None:
     with this_process(simulator, folder=tmp_path) as workers:
         for attempt in drive_all(workers, [8, 9]).values():
             assert attempt.failure is not None
             assert attempt.result.outcome is Outcome.ERROR
 
 
-class Rubbish:
-    """What a worker holds: answers once, then writes nonsense."""
+class WritesNonsense:
+    """An object of a worker: answers once, then writes nonsense to its descriptors."""
 
     def __init__(self, marks: Marks) -> None:
         self.marks = marks
@@ -221,7 +222,7 @@ class Rubbish:
 
 @posix_only
 def test_answers_before_nonsense_stand(marks: Marks) -> None:
-    spoiling = ObjectProcess("it", pack(Rubbish(marks)))
+    spoiling = ObjectProcess("it", pack(WritesNonsense(marks)))
     spoiling.start()
     spoiling.answer()
     try:
@@ -241,7 +242,7 @@ def test_answers_before_nonsense_stand(marks: Marks) -> None:
 
 @posix_only
 def test_an_answer_of_another_type_breaks_the_protocol(marks: Marks) -> None:
-    other = ObjectProcess("it", pack(Rubbish(marks)))
+    other = ObjectProcess("it", pack(WritesNonsense(marks)))
     other.start()
     other.answer()
     try:
@@ -251,11 +252,11 @@ def test_an_answer_of_another_type_breaks_the_protocol(marks: Marks) -> None:
         other.kill()
 
 
-# How processes are replaced
+# Replaced processes
 
 
-class Ageing(FaultySimulator):
-    """Breaks in its first drive, or kills its process; then it does not start so many times."""
+class CannotRestart(FaultySimulator):
+    """Breaks in its first drive, or kills its process; later it cannot start, so many times."""
 
     def __init__(self, folder: Path, deed: Deed, times: int | None = None) -> None:
         super().__init__(folder, drive=Fault(deed, folder, times=1))
@@ -269,29 +270,27 @@ class Ageing(FaultySimulator):
 
 
 @pytest.mark.parametrize("kind", [local, this_process])
-def test_a_simulator_that_does_not_start_again_ends_the_workers(
+def test_a_simulator_that_cannot_restart_ends_the_workers(
     kind: Any, marks: Marks, tmp_path: Path
 ) -> None:
     with (
         refused("nobody listens on port 25252"),
-        kind(Ageing(marks.folder, raise_error), folder=tmp_path) as workers,
+        kind(CannotRestart(marks.folder, raise_error), folder=tmp_path) as workers,
     ):
         for number in range(1, 10):
             assert drive_one(workers, number).failure == STALLED
 
 
-def test_a_worker_that_once_worked_gets_further_chances_to_start(
-    marks: Marks, tmp_path: Path
-) -> None:
-    """Its first road kills it, and its next process finds the port still taken, say."""
-    with local(Ageing(marks.folder, kill, times=1), folder=tmp_path) as workers:
+def test_a_worker_that_drove_before_may_fail_to_restart_once(marks: Marks, tmp_path: Path) -> None:
+    """The first road kills it; then, for instance, its port is still taken."""
+    with local(CannotRestart(marks.folder, kill, times=1), folder=tmp_path) as workers:
         assert drive_one(workers).worker_lost
         assert drive_one(workers).failure is None
 
 
 @posix_only
 def test_candidates_that_waited_in_a_lost_worker_are_driven(marks: Marks, tmp_path: Path) -> None:
-    """A worker of quick tests has several at once."""
+    """A worker of quick tests has several candidates at once."""
     simulator = FaultySimulator(marks.folder, drive=Fault(kill, marks.folder, samples=9, times=1))
     with local(simulator, folder=tmp_path) as workers:
         until(lambda: drive_one(workers) and workers.free > 2, "it is quick")
@@ -315,11 +314,11 @@ def test_workers_survive_the_end_of_the_server_that_forks_them(
         os.kill(server, 9)
         until_gone([server])
         assert len(drive_all(workers, [8, 9, 10, 11])) == 4
-        until(lambda: not workers.wait(0.1) and len(marks.pids()) == 4, "both are there again")
+        until(lambda: not workers.wait(0.1) and len(marks.pids()) == 4, "both workers are back")
     until_gone(marks.pids())
 
 
-def test_a_process_that_cannot_be_made_is_a_worker_less(
+def test_workers_end_if_a_process_cannot_be_made(
     marks: Marks, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def refuse(self: ObjectProcess) -> None:
@@ -336,16 +335,16 @@ def test_a_process_that_cannot_be_made_is_a_worker_less(
 
 
 @posix_only
-def test_ctrl_c_is_not_for_workers(
+def test_workers_ignore_ctrl_c(
     marks: Marks, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Made as on macOS and Windows; the others: see test_faults.py."""
+    """Spawned workers, as on macOS and Windows; test_faults.py has forked ones."""
     context = multiprocessing.get_context("spawn")
     monkeypatch.setattr(object_process, "process_context", lambda _: context)
     with local(FaultySimulator(marks.folder), folder=tmp_path) as workers:
         for process in multiprocessing.active_children():
             if process.name.startswith("worker") and process.pid is not None:
-                os.kill(process.pid, signal.SIGINT)  # before it has got anywhere
+                os.kill(process.pid, signal.SIGINT)  # while it starts
         await_free(workers)
         os.kill(marks.pids()[0], signal.SIGINT)
         assert drive_all(workers, [8])[1].failure is None
@@ -353,7 +352,7 @@ def test_ctrl_c_is_not_for_workers(
     until_gone(marks.pids())
 
 
-LIKE_WINDOWS = """
+WITHOUT_FORKSERVER = """
 import multiprocessing.context, sys
 del multiprocessing.context.ForkServerContext
 sys.modules["multiprocessing.forkserver"] = None
@@ -362,14 +361,14 @@ import frenetic.campaign.workers
 
 
 def test_workers_are_imported_where_there_is_no_server_that_forks() -> None:
-    subprocess.run([sys.executable, "-c", LIKE_WINDOWS], check=True, timeout=LIMIT)
+    subprocess.run([sys.executable, "-c", WITHOUT_FORKSERVER], check=True, timeout=LIMIT)
 
 
-# How they end
+# Ends of workers
 
 
 @pytest.mark.parametrize("at", ["start", "end"])
-def test_after_an_error_nobody_is_waited_for(
+def test_after_an_error_workers_are_killed_without_waiting(
     marks: Marks, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, at: str
 ) -> None:
     monkeypatch.setattr(object_process, "CLOSING_LIMIT", LIMIT)
@@ -405,10 +404,10 @@ def test_a_simulator_that_hangs_when_it_starts_or_ends_is_killed(
 
 
 @pytest.mark.parametrize("started", [1, 2])
-def test_an_interrupted_start_leaves_nobody(
+def test_an_interrupted_start_leaves_no_process(
     marks: Marks, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, started: int
 ) -> None:
-    """Of the second, or the one that replaces the first."""
+    """The start of the second process, or of the one that replaces the first."""
     original = ObjectProcess.start
     calls = 0
 
@@ -433,20 +432,20 @@ def test_an_interrupted_start_leaves_nobody(
     until_gone(marks.pids())
 
 
-# What is copied into them
+# Copies of parts
 
 
-class Untravelled(DummyDriver):
-    """Does not survive the journey."""
+class Unpicklable(DummyDriver):
+    """Raises when it is unpickled."""
 
     def __setstate__(self, state: object) -> None:
-        raise ValueError("Untravelled\nstays at home")
+        raise ValueError("Unpicklable\nstays at home")
 
 
 def test_a_driver_that_cannot_be_made_again_is_one_line(tmp_path: Path) -> None:
     with (
-        refused(r"no worker could be started: .*Untravelled"),
-        local(DummySimulator(), Untravelled(), folder=tmp_path) as workers,
+        refused(r"no worker could be started: .*Unpicklable"),
+        local(DummySimulator(), Unpicklable(), folder=tmp_path) as workers,
     ):
         await_free(workers)
 
