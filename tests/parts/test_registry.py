@@ -1,4 +1,4 @@
-"""Names that other packages add, and where a user's own parts are loaded from."""
+"""Registries of parts: names of installed packages, options, and where users' parts come from."""
 
 from __future__ import annotations
 
@@ -46,14 +46,16 @@ def site(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def install(site: Path, name: str, entries: str) -> None:
-    """Installs a package with these entry points."""
+    """Install a package with these entry points."""
     info = site / f"{name}-1.0.dist-info"
     info.mkdir()
     (info / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {name}\nVersion: 1.0\n")
     (info / "entry_points.txt").write_text(entries)
 
 
-def test_an_installed_package_is_found(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_part_of_an_installed_package_is_listed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     before = DRIVERS.entries()
     install(tmp_path, "careful-drivers", "[frenetic.drivers]\ncareful = careful:Driver\n")
     monkeypatch.syspath_prepend(str(tmp_path))
@@ -62,7 +64,7 @@ def test_an_installed_package_is_found(tmp_path: Path, monkeypatch: pytest.Monke
     assert "careful" not in [entry.name for entry in STRATEGIES.entries()]
 
 
-def test_a_name_that_is_taken_is_refused_with_who_claims_it(site: Path) -> None:
+def test_a_name_that_two_packages_claim_is_refused_with_their_names(site: Path) -> None:
     install(site, "other-drivers", "[frenetic.drivers]\nplanner = other:Driver\n")
     for look in (lambda: DRIVERS.load("stanley"), DRIVERS.entries):
         with pytest.raises(
@@ -88,7 +90,7 @@ def test_installed_entry_points_are_read_once(site: Path, monkeypatch: pytest.Mo
         (DRIVERS, "own.py:Own", {"gain": "abc"}, "gain is 'abc': a number"),
     ],
 )
-def test_an_option_of_the_wrong_kind_is_named_with_what_is_needed(
+def test_an_option_of_the_wrong_type_is_refused_with_the_right_type(
     registry: Registry,
     spec: str,
     option: dict[str, object],
@@ -115,7 +117,7 @@ def test_a_users_objective_is_a_function(tmp_path: Path, monkeypatch: pytest.Mon
         OBJECTIVES.load("far")
 
 
-DEFINES: Final = """
+FILE_WITH_DRIVERS: Final = """
 from dataclasses import dataclass
 from math import sin
 
@@ -139,11 +141,11 @@ def _helper():
 
 @pytest.mark.parametrize("registry", [DRIVERS, STRATEGIES, SIMULATORS, OBJECTIVES])
 @pytest.mark.parametrize("word", ["Carefull", "Planer", "LIMIT", "sinn"])
-def test_an_unknown_name_in_a_file_lists_what_the_file_defines_and_not_what_it_imports(
+def test_an_unknown_name_in_a_file_lists_only_what_the_file_defines(
     registry: Registry, word: str, tmp_path: Path
 ) -> None:
     file = tmp_path / "defines.py"
-    file.write_text(DEFINES)
+    file.write_text(FILE_WITH_DRIVERS)
     with pytest.raises(FreneticError) as refused:
         registry.load(f"{file}:{word}")
     names = "hasty" if registry is OBJECTIVES else "Careful, hasty"
@@ -166,35 +168,35 @@ def test_a_package_defines_the_classes_of_its_modules(
 
 # Where a user's own parts are loaded from
 
-OWN: Final = """
+OWN_DRIVER: Final = """
 {imports}
 class Own:
     def reset(self, setup): pass
     def act(self, observation): pass
 """
-RUNS: Final = "from pathlib import Path; Path({mark!r}).touch()"
+MARKING_MODULE: Final = "from pathlib import Path; Path({mark!r}).touch()"
 
 
 @pytest.fixture
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
-    """The current folder; what is loaded from it is forgotten in the end."""
+    """The current folder; modules that are loaded from it are forgotten after the test."""
     monkeypatch.chdir(tmp_path)
     with own_modules():
         yield tmp_path
 
 
-def write(folder: Path, **imports: str) -> None:
-    """Writes drivers: name of the file -> what it imports."""
+def write_drivers(folder: Path, **imports: str) -> None:
+    """Write drivers: name of the file -> its imports."""
     for name, text in imports.items():
-        (folder / f"{name}.py").write_text(OWN.format(imports=text))
+        (folder / f"{name}.py").write_text(OWN_DRIVER.format(imports=text))
 
 
 def write_marking(file: Path) -> Path:
-    """Writes a module, or its bytecode, that leaves a mark when it is run; that mark."""
+    """Write a module, or its bytecode, that makes a file when it is run; return that file."""
     mark = file.parent.parent / "mark"
     file.parent.mkdir(parents=True, exist_ok=True)
     source = file.with_suffix(".py")
-    source.write_text(RUNS.format(mark=str(mark)))
+    source.write_text(MARKING_MODULE.format(mark=str(mark)))
     if file.suffix == ".pyc":
         py_compile.compile(str(source), str(file), doraise=True)
         source.unlink()
@@ -202,19 +204,17 @@ def write_marking(file: Path) -> Path:
 
 
 @pytest.mark.parametrize("spec", ["own.py:Own", "own:Own"])
-def test_no_neighbour_of_a_users_part_is_taken_for_an_installed_module(
-    spec: str, folder: Path
-) -> None:
-    """Whatever this package imports later."""
-    place = folder / "here"
+def test_files_beside_a_users_part_replace_no_installed_module(spec: str, folder: Path) -> None:
+    """Not even of modules that are imported later."""
+    here = folder / "here"
     files = ("matplotlib.py", "glob.py", "colorsys.pyc", "shapely/__init__.py")
-    marks = {write_marking(place / file) for file in files}
-    write(place, own="")
+    marks = {write_marking(here / file) for file in files}
+    write_drivers(here, own="")
     code = (
         f"from frenetic.parts.registry import STRATEGIES; STRATEGIES.load({spec!r});"
         " import colorsys, glob, matplotlib, shapely"
     )
-    subprocess.run([sys.executable, "-P", "-c", code], cwd=place, check=True)
+    subprocess.run([sys.executable, "-P", "-c", code], cwd=here, check=True)
     assert not any(mark.exists() for mark in marks)
 
 
@@ -222,50 +222,48 @@ def test_no_neighbour_of_a_users_part_is_taken_for_an_installed_module(
 @pytest.mark.parametrize(
     "file", ["colorsys.py", "colorsys.pyc", "colorsys/__init__.py", "junitparser.py"]
 )
-@pytest.mark.parametrize("way", ["", "helper", "package.helper"])
-def test_a_helper_that_another_module_shadows_is_one_line(
-    spec: str, file: str, way: str, folder: Path
+@pytest.mark.parametrize("module", ["", "helper", "package.helper"])
+def test_a_local_module_that_python_shadows_is_refused_in_one_line(
+    spec: str, file: str, module: str, folder: Path
 ) -> None:
-    place = folder / "here"
-    mark = write_marking(place / file)
+    here = folder / "here"
+    mark = write_marking(here / file)
     name = file.partition(".")[0].partition("/")[0]
     lazy = f"def load(): import {name}"
-    write(place, own=f"import {way}" if way else lazy, helper=lazy)
-    (place / "package").mkdir()
-    (place / "package" / "__init__.py").write_text("from . import helper")
-    write(place / "package", helper=lazy)
-    with pytest.raises(FreneticError) as refused, chdir(place):
+    write_drivers(here, own=f"import {module}" if module else lazy, helper=lazy)
+    (here / "package").mkdir()
+    (here / "package" / "__init__.py").write_text("from . import helper")
+    write_drivers(here / "package", helper=lazy)
+    with pytest.raises(FreneticError) as refused, chdir(here):
         DRIVERS.load(spec)
     text = str(refused.value)
     assert f" imports {name!r}: Python takes " in text
-    assert text.endswith(f" for it, not {place / file}: rename that")
+    assert text.endswith(f" for it, not {here / file}: rename that")
     assert not mark.exists()
 
 
-def test_a_neighbour_shadows_nothing_that_is_not_imported(folder: Path) -> None:
-    (folder / "json").mkdir()  # of data
+def test_local_modules_with_names_of_pythons_are_fine_if_not_imported(folder: Path) -> None:
+    (folder / "json").mkdir()  # a folder of data
     write_marking(folder / "colorsys.py")
-    write(folder, glob="import glob, json; assert glob.glob", own="import json")
+    write_drivers(folder, glob="import glob, json; assert glob.glob", own="import json")
     for spec in ("glob.py:Own", "own:Own"):
         DRIVERS.make(spec)
 
 
-def test_a_folder_with_the_name_of_an_installed_package_does_not_win(
-    folder: Path, site: Path
-) -> None:
+def test_an_installed_package_wins_over_a_folder_of_its_name(folder: Path, site: Path) -> None:
     install(site, "careful-drivers", "[frenetic.drivers]\ncareful = careful:Own\n")
-    write(site, careful="")
+    write_drivers(site, careful="")
     mark = write_marking(folder / "careful" / "__init__.py").parent / "mark"
     with pytest.raises(FreneticError, match=r"Python takes .*careful.py for the module 'careful'"):
         DRIVERS.load("careful:Own")
     assert DRIVERS.load("careful").__module__ == "careful"
     (folder / "careful" / "__init__.py").unlink()
-    write(folder / "careful", mine="")
+    write_drivers(folder / "careful", mine="")
     assert DRIVERS.load("careful:Own") is DRIVERS.load("careful"), "a folder alone is no package"
     assert not mark.exists()
 
 
-def test_a_file_of_data_has_no_attribute(folder: Path) -> None:
+def test_a_class_in_a_file_of_data_is_refused(folder: Path) -> None:
     mark = write_marking(folder / "here" / "model" / "onnx.py")
     (folder / "here" / "model" / "__init__.py").touch()
     (folder / "here" / "model.onnx").touch()
@@ -279,9 +277,11 @@ def test_a_file_of_data_has_no_attribute(folder: Path) -> None:
 def test_a_part_comes_from_the_current_folder(folder: Path) -> None:
     there = folder / "there"
     there.mkdir()
-    for place, gain in ((folder, 1), (there, 2)):
-        write(place, alone="import gain; GAIN = gain.GAIN", module="from gain import GAIN")
-        (place / "gain.py").write_text(f"GAIN = {gain}\n")
+    for current, gain in ((folder, 1), (there, 2)):
+        write_drivers(
+            current, alone="import gain; GAIN = gain.GAIN", module="from gain import GAIN"
+        )
+        (current / "gain.py").write_text(f"GAIN = {gain}\n")
     with chdir(there):
         for spec in ("alone.py:Own", "module:Own"):
             loaded = DRIVERS.load(spec)
@@ -296,8 +296,8 @@ def test_files_of_a_part_from_another_folder_get_absolute_paths(folder: Path) ->
     (folder / "w.npz").touch()
     options = {"weights": "w.npz", "mode": "fast", "gain": 2}
     absolute = {**options, "weights": str(folder / "w.npz")}
-    place = "sub/own.py:Own"
-    assert DRIVERS.absolute(place, options, folder) == (f"{folder}/{place}", absolute)
+    spec = "sub/own.py:Own"
+    assert DRIVERS.absolute(spec, options, folder) == (f"{folder}/{spec}", absolute)
     assert DRIVERS.absolute("net.onnx", {}, folder) == (f"{folder}/net.onnx", {})
     assert DRIVERS.absolute("planner", {"law": "w.npz"}, folder) == (
         "planner",
@@ -309,17 +309,17 @@ def test_files_of_a_part_from_another_folder_get_absolute_paths(folder: Path) ->
         DRIVERS.absolute("own:Own", {}, folder)
 
 
-def test_a_module_that_another_folder_has_too_is_one_line(folder: Path) -> None:
-    """Python would give the other one."""
+def test_a_module_of_the_same_name_in_another_folder_is_refused_in_one_line(folder: Path) -> None:
+    """Python would give the module that was loaded first."""
     there = folder / "there"
     there.mkdir()
-    for place in (folder, there):
-        write(place, own="", lazy="def load(): import own", uses="import own")
+    for current in (folder, there):
+        write_drivers(current, own="", lazy="def load(): import own", uses="import own")
     DRIVERS.load("lazy.py:Own")
     with chdir(there):
         DRIVERS.load("lazy.py:Own")
         DRIVERS.load("uses.py:Own")
-    assert Path(str(sys.modules["own"].__file__)).parent == there, "its own neighbour"
+    assert Path(str(sys.modules["own"].__file__)).parent == there, "the module beside the driver"
     with pytest.raises(FreneticError, match=r"imports 'own': Python takes .*there/own.py for it"):
         DRIVERS.load("uses.py:Own")
     with chdir(there):

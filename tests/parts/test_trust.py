@@ -1,4 +1,4 @@
-"""Code that a file names is loaded only if its user has signed or listed it, or names it."""
+"""Code that a file names is loaded only if the user has signed it, listed it, or names it."""
 
 from __future__ import annotations
 
@@ -56,13 +56,13 @@ with Path({mark!r}).open("a") as file:
     file.write(f"{{os.getpid()}} ")
 """
 PARENT = f"{os.getpid()} "
-NAMED = ("--driver", "mine.py:Mine")
-FEW = ("--simulations", "12", "--workers", "1", "--seed", "3")
-FRESH = ("--fresh", "2")
+OWN_DRIVER = ("--driver", "mine.py:Mine")
+SHORT_SEARCH = ("--simulations", "12", "--workers", "1", "--seed", "3")
+FEW_FRESH_ROADS = ("--fresh", "2")
 
 
 def write_marking(file: Path, mark: Path, text: str = "") -> None:
-    """A module that leaves a mark, with the number of its process, when it is loaded."""
+    """Write a module that appends the id of its process to a file when it is loaded."""
     file.parent.mkdir(exist_ok=True)
     source = file.with_suffix(".py")
     source.write_text(MARKING.format(mark=str(mark)) + text, encoding="utf-8")
@@ -72,47 +72,49 @@ def write_marking(file: Path, mark: Path, text: str = "") -> None:
 
 
 @pytest.fixture(scope="module")
-def mine(tmp_path_factory: pytest.TempPathFactory, prepare: Callable[..., None]) -> Path:
-    """The user's folder with a driver of their own and a campaign `c` of it."""
+def users_folder(tmp_path_factory: pytest.TempPathFactory, prepare: Callable[..., None]) -> Path:
+    """A folder of the user with a driver of their own and a campaign `c` of that driver."""
     folder = tmp_path_factory.mktemp("mine")
     (folder / "mine.py").write_text(DRIVER, encoding="utf-8")
     (folder / "near.py").write_text(NEAR, encoding="utf-8")
     with pytest.MonkeyPatch.context() as patch, chdir(folder):
         patch.setenv(trust.VARIABLE, str(folder / "home"))
-        prepare("run", *FEW, *NAMED, "--out", "c")
+        prepare("run", *SHORT_SEARCH, *OWN_DRIVER, "--out", "c")
     return folder
 
 
 @pytest.fixture
-def user(mine: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """The folder of the user whose commands run in another one now."""
-    monkeypatch.setenv(trust.VARIABLE, str(mine / "home"))
-    return mine
+def user(users_folder: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """The folder of the user, whose commands run in another folder now."""
+    monkeypatch.setenv(trust.VARIABLE, str(users_folder / "home"))
+    return users_folder
 
 
 @pytest.fixture
 def mark(tmp_path: Path) -> Path:
-    """What foreign code leaves where it is loaded."""
+    """A file that foreign code makes where it is loaded."""
     return tmp_path / "was-here"
 
 
 @pytest.fixture
-def received(mine: Path, tmp_path: Path, mark: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """That campaign in the folder of somebody else, with code that leaves a mark; the mark."""
+def received(
+    users_folder: Path, tmp_path: Path, mark: Path, monkeypatch: pytest.MonkeyPatch
+) -> Path:
+    """A copy of that campaign for another user, beside code that makes a file; that file."""
     monkeypatch.setenv(trust.VARIABLE, str(tmp_path / "home"))
-    copy_with_marks(mine, tmp_path, mark)
+    copy_with_marks(users_folder, tmp_path, mark)
     return mark
 
 
-def copy_with_marks(mine: Path, folder: Path, mark: Path) -> None:
-    """A copy of campaign and driver beside modules that leave a mark."""
-    shutil.copytree(mine / "c", folder / "c")
-    shutil.copy(mine / "mine.py", folder)
+def copy_with_marks(users_folder: Path, folder: Path, mark: Path) -> None:
+    """Copy the campaign and its driver beside modules that make a file."""
+    shutil.copytree(users_folder / "c", folder / "c")
+    shutil.copy(users_folder / "mine.py", folder)
     write_marking(folder / "near.py", mark, NEAR)
     write_marking(folder / "colorsys.pyc", mark)
 
 
-def a_failure(campaign: Path | str = "c") -> str:
+def failing_road(campaign: Path | str = "c") -> str:
     return str(min(Path(campaign, "failures").glob("test-*.json")))
 
 
@@ -120,19 +122,19 @@ def commands(campaign: Path | str = "c") -> dict[str, tuple[str, ...]]:
     """Commands that load code that a file or campaign names."""
     campaign = str(campaign)
     return {
-        "drive": ("drive", a_failure(campaign)),
+        "drive": ("drive", failing_road(campaign)),
         "drive a test": ("drive", campaign, "1"),
         "drive as": ("drive", "road.json", "--as", f"{campaign}/campaign.toml"),
         "rerun": ("rerun", campaign, "--top", "1"),
         "minimise": ("minimise", campaign, "--max-drives", "3"),
         "run": ("run", f"{campaign}/campaign.toml", "--out", "again"),
         "resume": ("resume", campaign, "--simulations", "1"),
-        "compare": ("compare", campaign, "--driver", "planner", *FRESH),
+        "compare": ("compare", campaign, "--driver", "planner", *FEW_FRESH_ROADS),
     }
 
 
 COMMANDS: Final = ("drive", "drive a test", "drive as", "rerun", "minimise", "run", "resume")
-"""Those but for compare, whose ``--driver`` is the new one."""
+"""These commands but for compare, whose ``--driver`` is the new version."""
 
 
 def write_road() -> None:
@@ -141,26 +143,26 @@ def write_road() -> None:
 
 
 def change_fact(campaign: Path | str, name: str, change: Callable[[Any], Any]) -> None:
-    """Changes a fact of a campaign, by hand."""
+    """Change a fact in the database of a campaign."""
     with closing(sqlite3.connect(Path(campaign, "campaign.sqlite"))) as database, database:
         (text,) = database.execute("SELECT value FROM fact WHERE name = ?", (name,)).fetchone()
         value = json.dumps(change(json.loads(text)))
         database.execute("UPDATE fact SET value = ? WHERE name = ?", (value, name))
 
 
-# What the user made
+# Campaigns of the user
 
 
 @pytest.mark.parametrize("command", [*COMMANDS, "compare"])
 @pytest.mark.parametrize("is_there", [True, False])
-def test_a_users_campaign_goes_on_unasked_with_code_of_its_own_folder_only(
+def test_a_users_campaign_needs_no_trust_and_loads_code_of_its_folder_only(
     frenetic: Frenetic, user: Path, mark: Path, tmp_path: Path, command: str, is_there: bool
 ) -> None:
-    """From that folder, and from another one, beside a copy with other code."""
-    place = user if is_there else tmp_path
+    """The command runs in that folder, or in another, beside a copy with other code."""
+    current = user if is_there else tmp_path
     copy_with_marks(user, tmp_path, mark)
     out = ("--out", str(tmp_path / "new")) if command == "run" else ()
-    with chdir(place):
+    with chdir(current):
         write_road()
         answer = frenetic(*commands()[command], *out)
     assert answer.code in (0, 1, 3), answer.err
@@ -169,13 +171,13 @@ def test_a_users_campaign_goes_on_unasked_with_code_of_its_own_folder_only(
 
 
 @pytest.mark.parametrize("command", [*COMMANDS, "compare"])
-def test_code_whose_folder_is_gone_is_one_line(
+def test_code_whose_folder_is_gone_is_refused_in_one_line(
     frenetic: Frenetic, user: Path, mark: Path, tmp_path: Path, command: str
 ) -> None:
     copy_with_marks(user, tmp_path, mark)
     write_road()
     gone = user.rename(f"{user}-gone")
-    os.environ[trust.VARIABLE] = str(gone / "home")  # of the fixture's
+    os.environ[trust.VARIABLE] = str(gone / "home")
     try:
         refused = frenetic(*commands()[command])
     finally:
@@ -192,12 +194,14 @@ def test_an_edited_driver_is_refused_by_resume_with_the_next_command(
         refused = frenetic("resume", str(user / "c"), "--simulations", "1")
         words = f"near.py was edited, and {user}/c tests it as it was"
         assert refused.refuses(words, f"frenetic run {user}/c/campaign.toml --from {user}/c")
-        assert frenetic("drive", a_failure(user / "c")).code in (0, 1), "it is signed still"
+        assert frenetic("drive", failing_road(user / "c")).code in (0, 1), (
+            "the signature still holds"
+        )
     finally:
         (user / "near.py").write_text(NEAR, encoding="utf-8")
 
 
-def test_python_signs_too(tmp_path: Path, user: Path) -> None:
+def test_a_campaign_from_python_is_signed(tmp_path: Path, user: Path) -> None:
     import frenetic
 
     with chdir(user), own_modules():
@@ -213,13 +217,13 @@ def test_python_signs_too(tmp_path: Path, user: Path) -> None:
     read = Spec.read(tmp_path / "c" / "campaign.toml")
     assert read.signed is not None
     assert read.require_trusted("c") == user
-    assert Spec.of(read).signed is None, "what is merged is not signed"
+    assert Spec.of(read).signed is None, "a merged spec is not signed"
 
 
-def test_a_part_that_the_command_names_comes_from_its_own_folder(
+def test_a_part_that_the_command_names_comes_from_the_current_folder(
     frenetic: Frenetic, user: Path, tmp_path: Path
 ) -> None:
-    """Also where another one is loaded from that of the campaign."""
+    """Also if another part comes from the folder of the campaign."""
     shutil.copytree(user / "c", "c")
     Path("near.py").write_text("GAIN = 3.4\n", encoding="utf-8")
     shutil.copy(user / "mine.py", tmp_path)
@@ -229,8 +233,9 @@ def test_a_part_that_the_command_names_comes_from_its_own_folder(
     (user / "plan.py").write_text("from frenetic import RandomSearch as Plan\n", encoding="utf-8")
     with chdir(user):
         plan = ("--strategy", "plan.py:Plan")
-        assert frenetic("run", *FEW, *NAMED, *plan, "--out", str(tmp_path / "d")).code == 0
-    answer = frenetic("run", "d/campaign.toml", *NAMED, "--out", "e")
+        out = ("--out", str(tmp_path / "d"))
+        assert frenetic("run", *SHORT_SEARCH, *OWN_DRIVER, *plan, *out).code == 0
+    answer = frenetic("run", "d/campaign.toml", *OWN_DRIVER, "--out", "e")
     assert f"plan.py:Plan is loaded from {user}" in answer.err
     assert "mine.py:Mine is loaded" not in answer.err
     with CampaignStore.open("e") as store:
@@ -240,11 +245,11 @@ def test_a_part_that_the_command_names_comes_from_its_own_folder(
         assert sources["near.py"] == "GAIN = 3.4\n"
 
 
-# What somebody else made
+# Campaigns of somebody else
 
 
 @pytest.mark.parametrize("command", [*COMMANDS, "compare"])
-def test_a_strangers_driver_is_refused_unrun(
+def test_a_strangers_driver_is_refused_and_not_loaded(
     frenetic: Frenetic, received: Path, command: str
 ) -> None:
     write_road()
@@ -256,12 +261,12 @@ def test_a_strangers_driver_is_refused_unrun(
 
 
 @pytest.mark.parametrize("command", [name for name in COMMANDS if name != "resume"])
-def test_it_drives_once_the_command_names_it_and_is_asked_for_again_then(
+def test_a_strangers_driver_drives_only_in_commands_that_name_it(
     frenetic: Frenetic, received: Path, command: str
 ) -> None:
-    """But for a TOML, which a person writes and names once."""
+    """A TOML file, which people write, needs its driver named only once."""
     write_road()
-    assert frenetic(*commands()[command], *NAMED).code in (0, 1)
+    assert frenetic(*commands()[command], *OWN_DRIVER).code in (0, 1)
     assert received.exists()
     received.unlink()
     shutil.rmtree("again", ignore_errors=True)
@@ -271,17 +276,19 @@ def test_it_drives_once_the_command_names_it_and_is_asked_for_again_then(
 
 
 @pytest.mark.parametrize("command", [*COMMANDS, "compare"])
-def test_trust_signs_it_for_later_commands(
+def test_trust_signs_a_strangers_driver_for_later_commands(
     frenetic: Frenetic, received: Path, command: str
 ) -> None:
     write_road()
-    if command == "resume":  # which refuses an edited driver
+    if command == "resume":  # resume refuses an edited driver
         Path("near.py").write_text(NEAR, encoding="utf-8")
     assert frenetic(*commands()[command], "--trust").code in (0, 1, 3)
     received.unlink(missing_ok=True)
     shutil.rmtree("again", ignore_errors=True)
     assert frenetic(*commands()[command]).code in (0, 1, 3)
-    assert received.exists() is (command not in ("compare", "resume")), "it is loaded from here"
+    assert received.exists() is (command not in ("compare", "resume")), (
+        "the driver is loaded from the current folder"
+    )
     if command in ("rerun", "compare"):
         Path("near.py").write_text(NEAR, encoding="utf-8")
         assert frenetic("resume", "c", "--simulations", "1").code == 0, "the campaign is trusted"
@@ -299,12 +306,12 @@ def test_trust_signs_it_for_later_commands(
         ("drive", "c", "1", "--dry"),
     ],
 )
-def test_looking_at_a_campaign_runs_nothing_of_it(
+def test_looking_at_a_campaign_loads_none_of_its_code(
     frenetic: Frenetic, received: Path, words: tuple[str, ...]
 ) -> None:
     answer = frenetic(*words)
     assert answer.code == 0
-    assert "signature" not in answer.out, "what is not the user's is not signed in passing"
+    assert "signature" not in answer.out, "looking signs nothing"
     assert not received.exists()
 
 
@@ -312,7 +319,7 @@ def test_a_program_that_a_strangers_simulator_starts_is_refused(
     frenetic: Frenetic, received: Path
 ) -> None:
     change_fact("c", "config", with_entry("simulator", "beamng,home=/opt/theirs"))
-    refused = frenetic(*commands()["rerun"], *NAMED)
+    refused = frenetic(*commands()["rerun"], *OWN_DRIVER)
     assert refused.refuses("the simulator 'beamng'", "--simulator beamng,home=/opt/theirs")
     # There is no option for the driver, so naming the simulator alone would not help.
     refused = frenetic(*commands()["resume"])
@@ -320,35 +327,35 @@ def test_a_program_that_a_strangers_simulator_starts_is_refused(
     assert not received.exists()
 
 
-def test_a_scheduler_of_a_stranger_is_not_connected_to(
+def test_a_strangers_scheduler_is_refused_until_it_is_named(
     frenetic: Frenetic, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Dask loads what it sends."""
+    """Dask loads code that the scheduler sends."""
     monkeypatch.setenv(trust.VARIABLE, str(tmp_path / "home"))
     Path("own.toml").write_text("workers = 'tcp://127.0.0.1:1'\nsimulations = 3\n")
-    asked = frenetic("run", "own.toml")
-    assert asked.refuses("names the workers 'tcp://127.0.0.1:1'", "--workers tcp://127.0.0.1:1")
-    for more in (("--workers", "tcp://127.0.0.1:1"), ()):
-        assert frenetic("run", "own.toml", *more).refuses("no Dask scheduler"), (
-            "unasked, once named"
+    refusal = frenetic("run", "own.toml")
+    assert refusal.refuses("names the workers 'tcp://127.0.0.1:1'", "--workers tcp://127.0.0.1:1")
+    for options in (("--workers", "tcp://127.0.0.1:1"), ()):
+        assert frenetic("run", "own.toml", *options).refuses("no Dask scheduler"), (
+            "once it was named"
         )
     assert frenetic("run", "own.toml", "--workers", "1", "--out", "c").code == 0
 
 
 def with_entry(name: str, value: object) -> Callable[[Any], Any]:
-    """Changes an entry of the spec in a campaign's configuration."""
+    """Return a function that changes an entry of the spec in a campaign's configuration."""
     return lambda config: {**config, "spec": {**config["spec"], name: value}}
 
 
-# The other ways past a digest of the driver's file
+# Attacks without a change of the driver's file
 
 
 @pytest.mark.heavy
 @pytest.mark.parametrize("workers", ["1", "2"])
-def test_a_neighbour_of_a_users_part_does_not_replace_our_imports(
+def test_files_beside_a_users_part_do_not_replace_our_imports(
     workers: str, tmp_path: Path, mark: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """In processes of their own, which have imported neither module before."""
+    """In fresh processes, which have imported neither module before."""
     monkeypatch.chdir(tmp_path)
     Path("own.py").write_text(
         "from frenetic import RandomSearch as S\n\ndef f(road, drive):\n    return road.length\n",
@@ -357,14 +364,14 @@ def test_a_neighbour_of_a_users_part_does_not_replace_our_imports(
     for name in ("matplotlib.py", "glob.py"):
         write_marking(Path(name), mark)
     parts = ("--strategy", "own.py:S", "--objective", "own.py:f", "--driver", "planner")
-    few = ("--simulations", "6", "--workers", workers, "--seed", "3", "--out", "c")
-    for words in (("run", *parts, *few), ("report", "c"), ("show", "c", "1")):
+    search = ("--simulations", "6", "--workers", workers, "--seed", "3", "--out", "c")
+    for words in (("run", *parts, *search), ("report", "c"), ("show", "c", "1")):
         subprocess.run(["frenetic", *words], check=True, capture_output=True)
     assert Path("c/report.html").exists()
     assert not mark.exists()
 
 
-def test_foreign_sources_run_in_a_process_of_their_own_and_only_if_trusted(
+def test_recorded_sources_run_in_another_process_and_only_if_trusted(
     frenetic: Frenetic, received: Path
 ) -> None:
     text = MARKING.format(mark=str(received)) + NEAR
@@ -378,7 +385,7 @@ def test_foreign_sources_run_in_a_process_of_their_own_and_only_if_trusted(
     assert PARENT not in received.read_text()
 
 
-def test_a_source_that_somebody_changed_in_the_users_campaign_is_refused(
+def test_a_recorded_source_that_somebody_changed_is_refused(
     frenetic: Frenetic, user: Path, mark: Path
 ) -> None:
     shutil.copytree(user / "c", "c")
@@ -390,7 +397,7 @@ def test_a_source_that_somebody_changed_in_the_users_campaign_is_refused(
 
 
 @pytest.mark.parametrize("option", ["python", "copy", "pipeline", "path"])
-def test_a_foreign_bench_is_refused_until_it_is_named_or_trusted(
+def test_a_strangers_bench_is_refused_until_it_is_named_or_trusted(
     frenetic: Frenetic, tmp_path: Path, mark: Path, option: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv(trust.VARIABLE, str(tmp_path / "home"))
@@ -399,34 +406,37 @@ def test_a_foreign_bench_is_refused_until_it_is_named_or_trusted(
     value = sys.executable if option == "python" else str(folder)
     generator = f"{folder}/gen.py:Gen,{option}={value}"
     Path("b.toml").write_text(f"generator = ['{generator}']\nsimulations = 2\nrepeats = 1\n")
-    for where in (("b.toml",), ("b.toml", "--strategy", "own.py:S")):
-        named = "--strategy" in where
-        answer = frenetic("bench", *where, "--out", "b")
+    for words_of_parts in (("b.toml",), ("b.toml", "--strategy", "own.py:S")):
+        named = "--strategy" in words_of_parts
+        answer = frenetic("bench", *words_of_parts, "--out", "b")
         words = "own.py" if named else "b.toml names the generator"
         assert answer.refuses(words), answer.err
     assert not mark.exists()
-    how = ("--generator", generator) if option in ("python", "path") else ("--trust",)
-    assert not frenetic("bench", "b.toml", *how, "--out", "b").refuses("not trusted")
-    assert not frenetic("bench", "b.toml", "--out", "b").refuses("not trusted"), "unasked then"
-    assert mark.exists() is (option != "pipeline"), "which is no folder of a pipeline"
+    trusted = ("--generator", generator) if option in ("python", "path") else ("--trust",)
+    assert not frenetic("bench", "b.toml", *trusted, "--out", "b").refuses("not trusted")
+    assert not frenetic("bench", "b.toml", "--out", "b").refuses("not trusted"), "now it is trusted"
+    assert mark.exists() is (option != "pipeline"), "the folder holds no pipeline"
 
 
 def test_the_users_bench_goes_on_until_somebody_edits_a_part(
     frenetic: Frenetic, user: Path, mark: Path, tmp_path: Path
 ) -> None:
-    least = ("--simulations", "2", "--repeats", "1", "--workers", "1")
+    small = ("--simulations", "2", "--repeats", "1", "--workers", "1")
     with chdir(user):
-        words = ("bench", "--strategy", "random", *NAMED, *least, "--out", str(tmp_path / "b"))
+        parts = ("--strategy", "random", *OWN_DRIVER)
+        words = ("bench", *parts, *small, "--out", str(tmp_path / "b"))
         assert frenetic(*words).code in (0, 1)
     copy_with_marks(user, tmp_path, mark)
     file, resume = Path("b/bench.toml"), ("bench", "--resume", "--out", "b")
     assert f"the code of b is loaded from {user}" in frenetic(*resume).err
-    again = frenetic("bench", "b/bench.toml", "--out", "b2")
-    assert again.code in (0, 1)
-    assert f"mine.py:Mine is loaded from {user}" in again.err
+    repeated = frenetic("bench", "b/bench.toml", "--out", "b2")
+    assert repeated.code in (0, 1)
+    assert f"mine.py:Mine is loaded from {user}" in repeated.err
     text = file.read_text(encoding="utf-8")
     file.write_text(text.replace("patience = 600.0", "patience = 500.0"), encoding="utf-8")
-    assert frenetic("bench", "b/bench.toml", "--out", "b3").code in (0, 1), "which names no code"
+    assert frenetic("bench", "b/bench.toml", "--out", "b3").code in (0, 1), (
+        "this edit names no code"
+    )
     for old, new in (
         ('"random,name=random"', '"own.py:S,name=random"'),
         ('driver = "mine.py:Mine"', 'driver = "mine.py:run"'),
@@ -439,9 +449,9 @@ def test_the_users_bench_goes_on_until_somebody_edits_a_part(
     assert not mark.exists()
 
 
-@pytest.mark.parametrize("way", ["named", "TOML", "trusted"])
+@pytest.mark.parametrize("source", ["named", "TOML", "trusted"])
 def test_a_package_called_model_is_not_loaded_for_a_file_of_data(
-    frenetic: Frenetic, tmp_path: Path, mark: Path, way: str, monkeypatch: pytest.MonkeyPatch
+    frenetic: Frenetic, tmp_path: Path, mark: Path, source: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv(trust.VARIABLE, str(tmp_path / "home"))
     write_marking(tmp_path / "model" / "onnx.py", mark, "class Own: pass\n")
@@ -449,14 +459,14 @@ def test_a_package_called_model_is_not_loaded_for_a_file_of_data(
     Path("model.onnx").touch()
     Path("own.toml").write_text("driver = 'model.onnx:Own'\n", encoding="utf-8")
     options = {"named": ("--driver", "model.onnx:Own"), "TOML": ("own.toml",)}
-    words = options.get(way, ("own.toml", "--trust"))
-    refused = frenetic("run", *words, *FEW)
-    is_asked = way == "TOML"
-    assert refused.refuses("not trusted" if is_asked else "a file of data has no class 'Own'")
+    words = options.get(source, ("own.toml", "--trust"))
+    refused = frenetic("run", *words, *SHORT_SEARCH)
+    is_untrusted = source == "TOML"
+    assert refused.refuses("not trusted" if is_untrusted else "a file of data has no class 'Own'")
     assert not mark.exists()
 
 
-def test_an_installed_driver_drives_beside_a_folder_of_its_modules_name(
+def test_an_installed_driver_needs_no_trust_beside_a_folder_of_its_name(
     frenetic: Frenetic, tmp_path: Path, mark: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     site = tmp_path / "site-packages"
@@ -470,7 +480,9 @@ def test_an_installed_driver_drives_beside_a_folder_of_its_modules_name(
     monkeypatch.syspath_prepend(str(site))
     write_marking(tmp_path / "watchful" / "__init__.py", mark, "class Watchful: pass\n")
     Path("own.toml").write_text("driver = 'watchful'\n", encoding="utf-8")
-    assert frenetic("run", "own.toml", *FEW, "--out", "c").code == 0, "and is not asked about"
+    assert frenetic("run", "own.toml", *SHORT_SEARCH, "--out", "c").code == 0, (
+        "an installed driver is trusted"
+    )
     with CampaignStore.open("c") as store:
         driver: Any = store.config["driver"]
     assert driver["class"] == "watchful:Watchful"
@@ -481,10 +493,10 @@ def test_an_installed_driver_drives_beside_a_folder_of_its_modules_name(
     "driver",
     ['mine.py:run,args=["rm"]', "mine.py:Mine,gain=3.0", "subprocess:run,args=rm", "near.py:Own"],
 )
-def test_a_record_of_the_users_that_somebody_edited_is_refused(
+def test_an_edited_record_of_a_users_campaign_is_refused(
     frenetic: Frenetic, user: Path, driver: str
 ) -> None:
-    """Database, road, TOML and profile."""
+    """Database, TOML file and files of failing roads."""
     shutil.copytree(user / "c", "c")
     write_road()
     change_fact("c", "config", with_entry("driver", driver))
@@ -501,28 +513,28 @@ def test_a_record_of_the_users_that_somebody_edited_is_refused(
     for command in (*COMMANDS, "compare"):
         refused = frenetic(*commands()[command])
         assert refused.refuses(f"names the driver '{name}'", "have not trusted"), command
-    assert frenetic("drive", "road.json", "--as", a_failure()).refuses("have not trusted")
+    assert frenetic("drive", "road.json", "--as", failing_road()).refuses("have not trusted")
 
 
-# Where nothing can be signed
+# Without signatures
 
 
-def test_runs_go_on_unsigned_where_the_users_folder_cannot_be_written(
+def test_runs_are_not_signed_if_the_users_folder_cannot_be_written(
     frenetic: Frenetic, user: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     (tmp_path / "home").touch()
     monkeypatch.setenv(trust.VARIABLE, str(tmp_path / "home"))
     for file in ("mine.py", "near.py"):
         shutil.copy(user / file, tmp_path)
-    answer = frenetic("run", *FEW, *NAMED, "--out", "c")
+    answer = frenetic("run", *SHORT_SEARCH, *OWN_DRIVER, "--out", "c")
     assert answer.code == 0
     assert answer.err.count(trust.VARIABLE) == 1
     assert "signed" not in Path("c/campaign.toml").read_text(encoding="utf-8")
     assert frenetic("rerun", "c", "--top", "1").refuses("have not trusted")
-    for more in (NAMED, ("--trust",)):
-        assert frenetic("rerun", "c", "--top", "1", *more).code in (0, 1)
-    built_in = frenetic("run", *FEW, "--out", "d")
-    assert trust.VARIABLE not in built_in.err, "which has nothing to sign"
+    for options in (OWN_DRIVER, ("--trust",)):
+        assert frenetic("rerun", "c", "--top", "1", *options).code in (0, 1)
+    built_in = frenetic("run", *SHORT_SEARCH, "--out", "d")
+    assert trust.VARIABLE not in built_in.err, "built-in parts need no signature"
 
 
 def test_a_profile_is_signed_and_loaded_from_its_folder_only(
@@ -546,13 +558,13 @@ def test_a_profile_is_signed_and_loaded_from_its_folder_only(
 
 @pytest.fixture
 def home(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """Of a user who has run nothing yet."""
+    """The folder for the key of a user who has run nothing yet."""
     monkeypatch.setenv(trust.VARIABLE, str(tmp_path / "home"))
     monkeypatch.chdir(tmp_path)
     return tmp_path / "home"
 
 
-# Signatures, the list and the border
+# Signatures, the list of allowed files, and what counts as code
 
 CODE: Final[trust.Parts] = {"driver": ("theirs.py:Theirs", {"gain": 2.0})}
 CLAIM: Final = CodeClaim(CODE)
@@ -560,6 +572,7 @@ SOURCES: Final = {"theirs.py": "import near", "near.py": "GAIN = 1"}
 
 
 def part(kind: str, name: str, **options: object) -> trust.Parts:
+    """A mapping with one part and its options."""
     return {kind: (name, options)}
 
 
@@ -620,19 +633,19 @@ def test_an_option_that_names_a_program_or_a_file_names_code(
     assert code == {kind: (name, expected)}
 
 
-def another(**changes: object) -> dict[str, Any]:
-    """Arguments of `trust.sign`, one of which is another than those of `signed`."""
+def arguments(**changes: object) -> dict[str, Any]:
+    """Arguments of `trust.sign` and `trust.is_signed`, with changes."""
     return {"code": CODE, "folder": "here", "sources": SOURCES, **changes}
 
 
 @pytest.mark.usefixtures("home")
 def test_a_signature_covers_code_folder_and_sources() -> None:
-    signature = trust.sign(**another())
+    signature = trust.sign(**arguments())
     assert signature
-    assert trust.is_signed(signature, **another())
-    assert trust.is_signed(signature, **another(folder=Path("here").absolute()))
-    read: Any = json.loads(json.dumps(another()))
-    assert trust.is_signed(signature, **read), "as a file holds it"
+    assert trust.is_signed(signature, **arguments())
+    assert trust.is_signed(signature, **arguments(folder=Path("here").absolute()))
+    read: Any = json.loads(json.dumps(arguments()))
+    assert trust.is_signed(signature, **read), "also after a round trip through JSON"
     for changes in (
         {"code": part("driver", "theirs.py:run", gain=2.0)},
         {"code": part("driver", "theirs.py:Theirs", gain=2.0, args=["rm"])},
@@ -646,31 +659,31 @@ def test_a_signature_covers_code_folder_and_sources() -> None:
         {"sources": None},
         {"sources": ["near.py"]},
     ):
-        assert not trust.is_signed(signature, **another(**changes)), changes
+        assert not trust.is_signed(signature, **arguments(**changes)), changes
     for other in (None, 7, "", "é", "\ud800", signature.upper(), signature[:-1], [signature]):
-        assert not trust.is_signed(other, **another()), other
+        assert not trust.is_signed(other, **arguments()), other
 
 
 def test_another_user_has_another_key(home: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    signature = trust.sign(**another())
+    signature = trust.sign(**arguments())
     monkeypatch.setenv(trust.VARIABLE, f"{home} of another")
-    assert not trust.is_signed(signature, **another())
-    assert not Path(f"{home} of another").exists(), "who reads makes no key"
-    assert trust.sign(**another()) != signature
-    assert not trust.is_signed(signature, **another())
+    assert not trust.is_signed(signature, **arguments())
+    assert not Path(f"{home} of another").exists(), "is_signed makes no key"
+    assert trust.sign(**arguments()) != signature
+    assert not trust.is_signed(signature, **arguments())
 
 
-def test_a_link_that_leads_elsewhere_is_another_folder(tmp_path: Path, home: Path) -> None:
+def test_a_signature_ends_when_its_link_leads_to_another_folder(tmp_path: Path, home: Path) -> None:
     del home
     for name in ("mine", "theirs"):
         Path(name).mkdir()
     link = tmp_path / "link"
     link.symlink_to(tmp_path / "mine")
-    signature = trust.sign(**another(folder=link))
-    assert trust.is_signed(signature, **another(folder=link))
+    signature = trust.sign(**arguments(folder=link))
+    assert trust.is_signed(signature, **arguments(folder=link))
     link.unlink()
     link.symlink_to(tmp_path / "theirs")
-    assert not trust.is_signed(signature, **another(folder=link))
+    assert not trust.is_signed(signature, **arguments(folder=link))
 
 
 @pytest.mark.skipif(os.name != "posix", reason="Windows has no such modes")
@@ -682,7 +695,7 @@ def test_the_key_is_readable_by_its_user_alone(
     try:
         if not has_links:
             monkeypatch.setattr(os, "link", refuse)
-        assert trust.sign(**another())
+        assert trust.sign(**arguments())
         trust.allow("run.toml", CODE)
     finally:
         os.umask(before)
@@ -696,7 +709,7 @@ def refuse(*_: object) -> None:
 
 
 @pytest.mark.parametrize("has_links", [True, False])
-def test_a_process_that_is_second_takes_the_key_of_the_first(
+def test_the_second_process_uses_the_key_of_the_first(
     home: Path, has_links: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     signatures = []
@@ -708,16 +721,16 @@ def test_a_process_that_is_second_takes_the_key_of_the_first(
         def token(size: int) -> str:
             """Another process makes the key at the last moment."""
             patch.setattr(secrets, "token_hex", random)
-            signatures.append(trust.sign(**another()))
+            signatures.append(trust.sign(**arguments()))
             return random(size)
 
         patch.setattr(secrets, "token_hex", token)
-        signatures.append(trust.sign(**another()))
-    assert signatures == [trust.sign(**another())] * 2
+        signatures.append(trust.sign(**arguments()))
+    assert signatures == [trust.sign(**arguments())] * 2
     assert [file.name for file in home.iterdir()] == ["key"]
 
 
-def test_processes_that_begin_at_once_have_one_key(home: Path) -> None:
+def test_processes_that_start_together_share_one_key(home: Path) -> None:
     code = (
         "import sys; from frenetic.parts import trust; print(trust.user_folder());"
         " sys.stdin.read(); print(trust.sign({'driver': ('own.py:Own', {})}, '.'))"
@@ -726,7 +739,7 @@ def test_processes_that_begin_at_once_have_one_key(home: Path) -> None:
     processes = [subprocess.Popen([sys.executable, "-c", code], **pipes) for _ in range(3)]
     for process in processes:
         assert process.stdout is not None
-        process.stdout.readline()  # it has imported
+        process.stdout.readline()  # it has imported frenetic
     with ThreadPoolExecutor() as threads:
         lines = {out for out, _ in threads.map(subprocess.Popen.communicate, processes)}
     assert lines == {f"{trust.sign({'driver': ('own.py:Own', {})}, '.')}\n"}
@@ -734,7 +747,7 @@ def test_processes_that_begin_at_once_have_one_key(home: Path) -> None:
 
 
 @pytest.mark.parametrize("damage", ["a file", "garbage", "too short", "a folder", "no home"])
-def test_without_a_key_all_goes_on_unsigned_and_one_line_says_what_to_do(
+def test_without_a_key_nothing_is_signed_and_one_line_says_what_to_do(
     damage: str, home: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     if damage == "a file":
@@ -745,8 +758,8 @@ def test_without_a_key_all_goes_on_unsigned_and_one_line_says_what_to_do(
         home.mkdir()
         text = {"garbage": b"\xff\x00", "too short": b"00" * 31}.get(damage)
         (home / "key").mkdir() if text is None else (home / "key").write_bytes(text)
-    assert trust.sign(**another()) is None
-    assert not trust.is_signed("00" * 32, **another())
+    assert trust.sign(**arguments()) is None
+    assert not trust.is_signed("00" * 32, **arguments())
     assert trust.VARIABLE in trust.unsigned_text()
     assert "\n" not in trust.unsigned_text()
     with pytest.raises(FreneticError, match="code that you have not trusted"):
@@ -755,7 +768,7 @@ def test_without_a_key_all_goes_on_unsigned_and_one_line_says_what_to_do(
 
 
 @pytest.mark.usefixtures("home")
-def test_an_allowed_file_is_asked_about_again_after_a_part_changes() -> None:
+def test_an_allowed_file_is_no_longer_allowed_after_a_part_changes() -> None:
     Path("there").mkdir()
     assert not trust.is_allowed("run.toml", CODE)
     assert trust.allow("run.toml", CODE)
@@ -769,7 +782,7 @@ def test_an_allowed_file_is_asked_about_again_after_a_part_changes() -> None:
         assert not trust.is_allowed(**{"path": "run.toml", "code": CODE, **other})  # type: ignore[arg-type]
 
 
-def test_the_list_survives_garbage_and_interrupted_processes(home: Path) -> None:
+def test_the_list_of_allowed_files_survives_garbage_and_half_entries(home: Path) -> None:
     home.mkdir()
     (home / "allowed").write_bytes(b"\xff\n" + b"0" * 63)
     assert trust.allow("run.toml", CODE)
@@ -782,10 +795,12 @@ def test_the_list_survives_garbage_and_interrupted_processes(home: Path) -> None
         assert trust.is_allowed(name, CODE)
     size = (home / "allowed").stat().st_size
     assert trust.allow("run.toml", CODE)
-    assert (home / "allowed").stat().st_size == size, "it is there once"
+    assert (home / "allowed").stat().st_size == size, "each file is listed once"
 
 
-def test_the_list_holds_the_last_files_only(home: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_list_keeps_only_the_last_allowed_files(
+    home: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(trust, "_MOST_LISTED", 10)
     names = [f"{number}{'é' * 100}.toml" for number in range(38)]
     for name in names:
@@ -796,7 +811,7 @@ def test_the_list_holds_the_last_files_only(home: Path, monkeypatch: pytest.Monk
     assert (home / "allowed").stat().st_size < 10 * 400
 
 
-def test_processes_that_allow_at_once_lose_nothing(home: Path) -> None:
+def test_files_that_are_allowed_at_once_are_all_listed(home: Path) -> None:
     del home
     names = [f"{number}.toml" for number in range(40)]
     with ThreadPoolExecutor(8) as threads:
@@ -807,7 +822,7 @@ def test_processes_that_allow_at_once_lose_nothing(home: Path) -> None:
 @pytest.mark.usefixtures("home")
 def test_signed_code_is_loaded_from_the_folder_of_the_signature_only(tmp_path: Path) -> None:
     parts = {**CODE, **part("strategy", "frenetic", likely=True)}
-    signed = another(signature=trust.sign(**another(code=trust.named_code(parts))))
+    signed = arguments(signature=trust.sign(**arguments(code=trust.named_code(parts))))
     del signed["code"]
     with pytest.raises(FreneticError, match=r"code that was in here, which is no folder now"):
         trust.require_trusted("c", CodeClaim(parts, **signed))
@@ -816,7 +831,7 @@ def test_signed_code_is_loaded_from_the_folder_of_the_signature_only(tmp_path: P
     assert trust.require_trusted("c", CodeClaim(parts, **signed)) == Path("here")
     assert trust.require_trusted("c", CodeClaim(parts, **signed), is_trusted=True) == Path("here")
     assert trust.require_trusted("c", CodeClaim(parts, **signed), named=CODE) == tmp_path, (
-        "where it is named"
+        "a named part comes from the current folder"
     )
     with pytest.raises(
         FreneticError, match=r"if you do, go to where it was as that says, there, and name it"
@@ -858,10 +873,10 @@ def test_signed_code_is_loaded_from_the_folder_of_the_signature_only(tmp_path: P
     ],
 )
 @pytest.mark.usefixtures("home")
-def test_one_line_says_what_is_named_and_what_to_do(
+def test_the_refusal_names_the_code_and_the_options_that_allow_it(
     parts: trust.Parts, named: trust.Parts, words: str
 ) -> None:
-    """An option that is taken over from the file is asked for, too."""
+    """An option that would come from the file has to be named as well."""
     kinds = [*trust.REGISTRIES, "generator"]
     with pytest.raises(FreneticError) as refused:
         trust.require_trusted("c", CodeClaim(parts), named=named, needed=parts, optional=kinds)
@@ -876,10 +891,10 @@ def test_one_line_says_what_is_named_and_what_to_do(
 
 
 @pytest.mark.usefixtures("home")
-def test_a_file_of_a_person_runs_unasked_once_its_part_was_named_or_trusted() -> None:
-    def is_refused(**more: Any) -> bool:
+def test_a_toml_file_is_trusted_once_its_part_was_named_or_trusted() -> None:
+    def is_refused(**options: Any) -> bool:
         try:
-            assert trust.require_trusted("run.toml", CLAIM, is_toml=True, **more) == Path.cwd()
+            assert trust.require_trusted("run.toml", CLAIM, is_toml=True, **options) == Path.cwd()
         except FreneticError:
             return True
         return False
@@ -900,13 +915,13 @@ def test_a_file_of_a_person_runs_unasked_once_its_part_was_named_or_trusted() ->
     assert not is_refused(is_trusted=True)
     assert not is_refused()
     with pytest.raises(FreneticError):
-        trust.require_trusted("run.toml", CLAIM)  # which is no TOML
+        trust.require_trusted("run.toml", CLAIM)  # not as TOML
 
 
 @pytest.mark.usefixtures("home")
-def test_a_signature_outlives_an_edit_of_the_code_that_it_names() -> None:
-    """A digest of a file would not bind what it imports; the folder is the user's own."""
+def test_a_signature_stays_valid_after_an_edit_of_the_code() -> None:
+    """A digest of a file would not cover its imports; the folder belongs to the user."""
     Path("here").mkdir()
-    signature = trust.sign(**another())
+    signature = trust.sign(**arguments())
     Path("here", "theirs.py").write_text("GAIN = 3")
-    assert trust.is_signed(signature, **another())
+    assert trust.is_signed(signature, **arguments())

@@ -1,4 +1,4 @@
-"""Two versions of a part are told apart, whatever of it was changed."""
+"""Versions of parts: an edit of a source, an argument or a file makes another version."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ UNUSED = {
 
 
 @pytest.fixture
-def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+def drivers_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A folder with drivers and the modules that they import."""
     write(tmp_path, FILES)
     monkeypatch.chdir(tmp_path)
@@ -73,13 +73,13 @@ def write(folder: Path, files: Mapping[str, str]) -> None:
 
 
 def record_of(spec: str = "mpc.py:Mpc", **options: Any) -> dict[str, Any]:
-    """The description of a driver that is loaded anew."""
+    """Record of a driver that is loaded anew."""
     with own_modules():
         return describe(DRIVERS.make(spec, **options), DRIVERS.construction(spec, options, {}))
 
 
 @pytest.mark.parametrize("spec", UNUSED)
-def test_the_sources_are_the_file_and_its_local_imports(place: Path, spec: str) -> None:
+def test_the_sources_are_the_file_and_its_local_imports(drivers_folder: Path, spec: str) -> None:
     used = {name: text for name, text in FILES.items() if name not in UNUSED[spec]}
     assert sources_named(spec) == used
     with own_modules():
@@ -89,10 +89,10 @@ def test_the_sources_are_the_file_and_its_local_imports(place: Path, spec: str) 
 
 
 @pytest.mark.parametrize("spec", UNUSED)
-def test_an_edit_of_a_source_makes_another_version(place: Path, spec: str) -> None:
+def test_an_edit_of_a_source_makes_another_version(drivers_folder: Path, spec: str) -> None:
     for name in FILES:
         before = record_of(spec)
-        write(place, {name: FILES[name] + "# a comment\n"})
+        write(drivers_folder, {name: FILES[name] + "# a comment\n"})
         after = record_of(spec)
         old, new = short_version(before), short_version(after)
         sentences = () if name in UNUSED[spec] else (f"driver Mpc: it is {new}, it was {old}",)
@@ -102,17 +102,17 @@ def test_an_edit_of_a_source_makes_another_version(place: Path, spec: str) -> No
 
 
 @pytest.mark.parametrize("spec", ["{}/mpc.py:Mpc", "mpc:Mpc", "parts.mpc:Mpc", "folder.mpc:Mpc"])
-def test_a_version_is_the_same_elsewhere_and_with_other_line_ends(
-    place: Path, monkeypatch: pytest.MonkeyPatch, spec: str
+def test_a_version_is_the_same_in_another_folder_and_with_other_line_ends(
+    drivers_folder: Path, monkeypatch: pytest.MonkeyPatch, spec: str
 ) -> None:
-    before = record_of(spec.format(place))
-    other = place.parent / f"{place.name} elsewhere"
+    before = record_of(spec.format(drivers_folder))
+    other = drivers_folder.parent / f"{drivers_folder.name} elsewhere"
     write(other, {name: text.replace("\n", "\r\n") for name, text in FILES.items()})
     monkeypatch.chdir(other)
     assert record_of(spec.format(other)) == before
 
 
-def test_arguments_are_recorded_with_their_defaults(place: Path) -> None:
+def test_arguments_are_recorded_with_their_defaults(drivers_folder: Path) -> None:
     assert record_of()["options"] == {"comfort": 2.0, "model": None}
     other = record_of(comfort=3.0, horizon=9)
     assert other["options"] == {"comfort": 3.0, "model": None, "horizon": 9}
@@ -122,8 +122,8 @@ def test_arguments_are_recorded_with_their_defaults(place: Path) -> None:
     )
 
 
-def test_a_file_that_is_an_argument_counts_with_its_content(place: Path) -> None:
-    model = place / "net.onnx"
+def test_the_content_of_a_file_argument_is_part_of_the_version(drivers_folder: Path) -> None:
+    model = drivers_folder / "net.onnx"
     versions = []
     for content in (b"1" * 3_000_000, b"1" * 2_999_999 + b"2"):
         model.write_bytes(content)
@@ -136,21 +136,21 @@ def test_a_file_that_is_an_argument_counts_with_its_content(place: Path) -> None
     assert versions[2] == short_version(record_of())
 
 
-def test_the_source_of_an_arguments_class_counts(place: Path) -> None:
+def test_the_source_of_an_arguments_class_is_part_of_the_version(drivers_folder: Path) -> None:
     def version() -> str:
         with own_modules():
             law = DRIVERS.make("unused.py:Law")
             return short_version(record_of(model=law))
 
     law = "class Law:\n    def reset(self, setup): pass\n    def act(self, o): return {}\n"
-    write(place, {"unused.py": law.format(0)})
+    write(drivers_folder, {"unused.py": law.format(0)})
     before = version()
-    write(place, {"unused.py": law.format(1)})
+    write(drivers_folder, {"unused.py": law.format(1)})
     assert before != version()
 
 
 @pytest.mark.parametrize("tags_of", [frozenset, lambda names: {"all": [set(names)]}])
-def test_a_set_is_described_alike_in_every_process(
+def test_a_set_is_recorded_in_sorted_order(
     tags_of: Callable[[Iterable[str]], object],
 ) -> None:
     @dataclass
@@ -174,7 +174,7 @@ def test_arguments_of_an_object_are_its_attributes() -> None:
     }
 
 
-def test_different_objects_as_arguments_make_different_records(place: Path) -> None:
+def test_different_objects_as_arguments_make_different_records(drivers_folder: Path) -> None:
     class Holder:
         def __init__(self, gain: float) -> None:
             self.gain = gain
@@ -216,9 +216,9 @@ def test_a_users_class_over_a_built_in_one_has_both_versions() -> None:
 
 
 def test_an_installed_part_has_the_version_of_its_distribution(
-    place: Path, monkeypatch: pytest.MonkeyPatch
+    drivers_folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    site = place / "lib" / "site-packages"
+    site = drivers_folder / "lib" / "site-packages"
     info = site / "my_drivers-1.2.dist-info"
     write(
         site,
@@ -255,17 +255,21 @@ print(version_of(Cell()).text)
 """
 
 
-def test_a_class_of_a_notebook_counts_with_its_source(place: Path) -> None:
+def test_a_class_of_a_notebook_has_the_version_of_its_source(drivers_folder: Path) -> None:
     done = subprocess.run(
-        [sys.executable, "-c", NOTEBOOK], cwd=place, capture_output=True, text=True, check=True
+        [sys.executable, "-c", NOTEBOOK],
+        cwd=drivers_folder,
+        capture_output=True,
+        text=True,
+        check=True,
     )
-    first, again, other, without = done.stdout.splitlines()
-    assert first == again != other
+    first, same, other, without = done.stdout.splitlines()
+    assert first == same != other
     assert other.startswith("source ")
     assert without.startswith("unknown (")
 
 
-class Angry:
+class AlwaysRaises:
     """Raises wherever it can."""
 
     options = property(lambda self: 1 / 0)
@@ -291,20 +295,22 @@ class Angry:
         ("mpc.py", b"("),
     ],
 )
-def test_taking_a_version_never_raises(place: Path, name: str, content: bytes | None) -> None:
+def test_taking_a_version_never_raises(
+    drivers_folder: Path, name: str, content: bytes | None
+) -> None:
     with own_modules():
         driver = DRIVERS.make("mpc.py:Mpc")
         if content is None:
-            (place / name).unlink()
+            (drivers_folder / name).unlink()
         else:
-            (place / name).write_bytes(content)
+            (drivers_folder / name).write_bytes(content)
         assert describe(driver)["class"] == "mpc.py:Mpc"
         assert describe(driver)["version"]
 
 
 @pytest.mark.parametrize(
-    "value", [Angry(), "\x00", "a" * 100_000, Path(os.devnull), [[[[]]]], {1: {2: 3}}]
+    "value", [AlwaysRaises(), "\x00", "a" * 100_000, Path(os.devnull), [[[[]]]], {1: {2: 3}}]
 )
-def test_no_argument_is_too_odd(place: Path, value: object) -> None:
+def test_any_argument_can_be_recorded(drivers_folder: Path, value: object) -> None:
     assert record_of(x=value)["class"] == "mpc.py:Mpc"
-    assert describe(Angry())["class"] == f"{__name__}:Angry"
+    assert describe(AlwaysRaises())["class"] == f"{__name__}:AlwaysRaises"

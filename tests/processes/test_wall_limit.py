@@ -1,3 +1,5 @@
+"""`wall_limit` ends a block that takes too long, in the main thread and in any other."""
+
 from __future__ import annotations
 
 import signal
@@ -15,18 +17,20 @@ posix = pytest.mark.skipif(not hasattr(signal, "setitimer"), reason="needs POSIX
 
 
 def spin() -> NoReturn:
+    """Execute Python instructions for ever."""
     while True:
         pass
 
 
 def spin_for(seconds: float) -> None:
-    """Python instructions for a while."""
+    """Execute Python instructions for a time in s."""
     end = time.perf_counter() + seconds
     while time.perf_counter() < end:
         pass
 
 
 def exceeds(call: Callable[[], object], seconds: float) -> bool:
+    """Whether a call is ended by a wall limit in s."""
     try:
         with wall_limit(seconds):
             call()
@@ -35,15 +39,15 @@ def exceeds(call: Callable[[], object], seconds: float) -> bool:
     return False
 
 
-def assert_over() -> None:
-    """No timer runs and nobody watches."""
+def require_no_timer() -> None:
+    """Require that no timer runs and no thread watches."""
     if hasattr(signal, "getitimer"):
         assert signal.getitimer(signal.ITIMER_REAL) == (0.0, 0.0)
     assert "wall-limit" not in {thread.name for thread in threading.enumerate()}
 
 
 def in_thread(call: Callable[[], object]) -> None:
-    """Runs the call in another thread and raises here what it raised there."""
+    """Make a call in another thread, and raise its error in this thread."""
     errors: list[BaseException] = []
 
     def run() -> None:
@@ -70,34 +74,34 @@ def run(request: pytest.FixtureRequest) -> Run:
     return in_thread
 
 
-# --- In any thread -------------------------------------------------------------------------------
+# In any thread
 
 
-def test_a_block_that_takes_too_long_is_left(run: Run) -> None:
+def test_a_block_that_takes_too_long_is_ended(run: Run) -> None:
     def check() -> None:
         assert exceeds(spin, 0.1)
 
     run(check)
 
 
-def test_a_block_in_time_is_left_alone(run: Run) -> None:
+def test_a_block_within_its_limit_is_not_ended(run: Run) -> None:
     def check() -> None:
         reached = []
         with wall_limit(60.0):
             reached.append(1)
         assert reached == [1]
-        assert_over()
+        require_no_timer()
 
     run(check)
 
 
-def test_nothing_is_raised_after_the_block(run: Run) -> None:
+def test_nothing_is_raised_after_the_end_of_the_block(run: Run) -> None:
     def check() -> None:
         for _ in range(20):
             exceeds(lambda: None, 0.05)
         spin_for(0.2)
         assert exceeds(spin, 0.05)
-        # Not once more either, as for a block that swallows the exception.
+        # Nor is it raised again, as in a block that swallows the exception.
         spin_for(1.3)
 
     run(check)
@@ -121,7 +125,7 @@ def test_a_block_that_swallows_the_exception_gets_another(run: Run) -> None:
     run(check)
 
 
-def test_a_thread_limits_itself_only() -> None:
+def test_a_limit_ends_only_the_thread_that_set_it() -> None:
     stop = threading.Event()
     broken: list[BaseException] = []
 
@@ -143,16 +147,16 @@ def test_a_thread_limits_itself_only() -> None:
     assert broken == []
 
 
-# --- By signal -----------------------------------------------------------------------------------
+# By signal
 
 
 def handler(_number: int, _frame: FrameType | None) -> None:
-    raise AssertionError("the alarm of somebody else")
+    raise AssertionError("the former handler was called")
 
 
 @posix
 @pytest.mark.parametrize("too_long", [True, False])
-def test_the_handler_and_the_timer_are_put_back(too_long: bool) -> None:
+def test_the_former_handler_and_timer_are_restored(too_long: bool) -> None:
     before = signal.signal(signal.SIGALRM, handler)
     try:
         assert exceeds(spin if too_long else lambda: None, 0.05 if too_long else 60.0) is too_long
@@ -189,9 +193,9 @@ def test_an_outer_limit_goes_on_after_an_inner_one() -> None:
 
 
 @posix
-def test_the_alarm_of_somebody_else_still_comes() -> None:
-    rang = []
-    before = signal.signal(signal.SIGALRM, lambda _number, _frame: rang.append(1))
+def test_an_alarm_that_was_set_before_still_comes() -> None:
+    alarms = []
+    before = signal.signal(signal.SIGALRM, lambda _number, _frame: alarms.append(1))
     signal.setitimer(signal.ITIMER_REAL, 0.2)
     try:
         with wall_limit(60.0):
@@ -200,12 +204,12 @@ def test_the_alarm_of_somebody_else_still_comes() -> None:
     finally:
         signal.setitimer(signal.ITIMER_REAL, 0.0)
         signal.signal(signal.SIGALRM, before)
-    assert rang == [1]
+    assert alarms == [1]
 
 
 @posix
-def test_a_limit_that_strikes_just_as_the_block_ends_leaves_nothing_behind() -> None:
-    """The block is about as long as its limit, so that the alarm comes at all places around it."""
+def test_a_limit_that_strikes_at_the_end_of_the_block_leaves_no_timer() -> None:
+    """Limits of 1 to 60 µs: the alarm comes at each place around the end of the block."""
     before = signal.getsignal(signal.SIGALRM)
     try:
         for k in range(2000):

@@ -1,4 +1,4 @@
-"""Specs: how sources are merged, one form everywhere, and what is wrong or damaged."""
+"""Specs: round trips, merged sources, driving specs, parts, wrong entries and damage."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ MAPS = Path(__file__).parents[1] / "cases" / "maps"
 TOWN = {"roads": "urban-50", "conditions": {"gust": {"low": 0, "high": 18}}}
 
 
-# One form everywhere
+# Round trips
 
 
 @given(specs)
@@ -64,7 +64,7 @@ def test_a_database_gives_the_recorded_spec(spec: Spec) -> None:
 
 
 @given(specs)
-def test_a_roads_file_says_how_it_was_driven(spec: Spec) -> None:
+def test_a_roads_file_gives_the_spec_of_its_drive(spec: Spec) -> None:
     driven = Spec.of({"driver": "stanley", "simulator": "embedded"}, spec.driving_spec())
     document = json.loads(json.dumps({DRIVEN: driven.entries(), "lane_width": 3.5}))
     with TemporaryDirectory() as folder:
@@ -78,7 +78,7 @@ def test_a_spec_of_its_own_entries_is_equal(spec: Spec) -> None:
     assert Spec.of(spec.entries()) == Spec.of(spec) == Spec.of({}, spec) == spec
 
 
-def test_what_is_usual_is_what_the_parts_have() -> None:
+def test_an_empty_spec_has_the_defaults_of_the_parts() -> None:
     spec = Spec()
     assert spec.user_values == {}
     assert (spec.terms, spec.rules, spec.budget, spec.amounts) == (Terms(), Rules(), None, {})
@@ -89,7 +89,7 @@ def test_what_is_usual_is_what_the_parts_have() -> None:
     assert Spec(criteria="competition").named_objective == "moobd"
 
 
-def test_values_are_taken_in_any_form_and_given_in_one() -> None:
+def test_values_of_any_form_become_one_form() -> None:
     spec = Spec(
         driver='"planner", aggression=1.20'.replace(", ", ","),
         time="1h30m",
@@ -109,9 +109,9 @@ def test_values_are_taken_in_any_form_and_given_in_one() -> None:
     assert spec.road_class == RoadClass.of("rural-80", {"length": 800})
     assert Spec(roads=spec.road_class.as_json()) == Spec(roads="rural-80,length=800")
     assert Spec(roads=RoadClass.of("rural-80").as_json()).roads == "rural-80"
-    users = Spec(roads={"design_speed": 60}).road_class
-    assert users is not None
-    assert (users.name, users.speed_limit) == ("own", 60.0)
+    own_class = Spec(roads={"design_speed": 60}).road_class
+    assert own_class is not None
+    assert (own_class.name, own_class.speed_limit) == ("own", 60.0)
     assert spec.domain == Domain.from_entries("own", TOWN)
     assert Spec(criteria="speed_limit=60") == Spec(speed_limit=60.0)
 
@@ -198,7 +198,7 @@ BEFORE_ROADS = {
         ({"roads": "competition"}, Rules().speed_limit, MAP_SIZE, Terms().lane_width),
     ],
 )
-def test_roads_bring_limit_map_and_lanes(
+def test_roads_set_speed_limit_map_and_lanes(
     roads: dict[str, Any], limit: float, map_size: float, lane_width: float
 ) -> None:
     spec = Spec.of(BEFORE_ROADS, roads)
@@ -222,10 +222,14 @@ def test_roads_win_over_a_domains_roads() -> None:
         assert spec.domain is not None
 
 
-def test_an_explicit_default_beside_a_class_is_not_lost() -> None:
-    said = {"roads": "rural-80", "map_size": 200.0, "lane_width": 4.0, "speed_limit": 70.0}
-    for spec in (Spec.of(said), Spec.of({"roads": "rural-80"}, said), Spec.of(said, {"seed": 1})):
-        assert spec.entries().items() >= said.items()
+def test_a_value_equal_to_the_default_wins_over_a_class() -> None:
+    options = {"roads": "rural-80", "map_size": 200.0, "lane_width": 4.0, "speed_limit": 70.0}
+    for spec in (
+        Spec.of(options),
+        Spec.of({"roads": "rural-80"}, options),
+        Spec.of(options, {"seed": 1}),
+    ):
+        assert spec.entries().items() >= options.items()
         assert (spec.terms.map_size, spec.terms.lane_width) == (200.0, 4.0)
         assert (spec.rules.speed_limit, spec.rules.road_limits) == (70.0, "ignored")
     by_class = Spec.of({"roads": "rural-80"}).rules
@@ -233,7 +237,7 @@ def test_an_explicit_default_beside_a_class_is_not_lost() -> None:
     assert Spec(speed_limit=70.0).rules.road_limits == "ignored"
 
 
-def test_rules_that_are_not_set_are_the_callers() -> None:
+def test_rules_that_are_not_set_come_from_the_caller() -> None:
     usual = Rules(speed_limit=50.0, stuck_time=5.0)
     assert Spec().rules_over(usual) == usual
     assert Spec(oob_tolerance=0.5).rules_over(usual) == Rules(
@@ -243,19 +247,19 @@ def test_rules_that_are_not_set_are_the_callers() -> None:
     assert judged.criteria == CriteriaSet.of("after-iso-11270")
 
 
-# How it drives
+# Driving specs
 
 
 @given(specs, st.booleans())
-def test_a_spec_is_its_driving_spec_and_the_rest(spec: Spec, has_roads: bool) -> None:
+def test_driving_spec_and_the_other_entries_make_the_spec(spec: Spec, has_roads: bool) -> None:
     driving = spec.driving_spec(has_roads=has_roads)
-    rest = spec.without_driving(has_roads=has_roads)
+    others = spec.without_driving(has_roads=has_roads)
     assert driving.user_values.keys() <= {
         *("driver", "simulator", "conditions", "speed_limit", "oob_tolerance", "criteria"),
         "wall_limit",
         *(() if has_roads else ("roads", "map_size", "map_margin", "lane_width")),
     }
-    both = {**driving.entries(), **rest.entries()}
+    both = {**driving.entries(), **others.entries()}
     without_roads = {name: both[name] for name in both if name != "roads"}
     assert without_roads == {n: v for n, v in spec.entries().items() if n != "roads"}
     assert spec.roads is None or both["roads"] == spec.roads
@@ -267,7 +271,7 @@ def test_a_driving_spec_has_the_class_of_the_roads() -> None:
     assert Spec(odd=TOWN).driving_spec(has_roads=True) == Spec().driving_spec() == Spec()
 
 
-def test_conditions_of_a_drive_lie_over_the_others() -> None:
+def test_conditions_of_a_drive_win_over_those_of_the_spec() -> None:
     spec = Spec(conditions={"delay": 0.1, "fog": 50.0}).in_conditions({"fog": 30.0, "noise": 0.2})
     assert spec.conditions == {"delay": 0.1, "fog": 30.0, "noise": 0.2}
     friction = Spec(simulator="embedded,friction=0.7")
@@ -275,7 +279,7 @@ def test_conditions_of_a_drive_lie_over_the_others() -> None:
     assert friction.in_conditions({"friction": 0.4}).amounts == {"friction": 0.4}
 
 
-# Objects
+# Parts
 
 
 def test_a_spec_makes_the_parts_that_it_names(tmp_path: Path) -> None:
@@ -350,7 +354,7 @@ def test_parts_that_cannot_be_made_are_refused() -> None:
         Spec(map_size=15.0).terms  # noqa: B018
 
 
-# What is wrong
+# Wrong entries
 
 
 WRONG: dict[str, tuple[dict[str, Any], str]] = {
@@ -383,9 +387,9 @@ WRONG: dict[str, tuple[dict[str, Any], str]] = {
 }
 
 
-@pytest.mark.parametrize("fault", WRONG)
-def test_a_wrong_entry_is_one_line_that_says_what_is_needed(fault: str) -> None:
-    wrong, text = WRONG[fault]
+@pytest.mark.parametrize("name", WRONG)
+def test_a_wrong_entry_is_one_line_that_says_what_is_needed(name: str) -> None:
+    wrong, text = WRONG[name]
     with pytest.raises((ValueError, FreneticError)) as caught:
         Spec.of({"driver": "stanley"}, wrong)
     assert text in str(caught.value)
@@ -396,7 +400,7 @@ anything = st.dictionaries(st.sampled_from([*ENTRIES, "simulation"]), values)
 
 
 @given(entries, anything)
-def test_reading_entries_never_raises_anything_else(
+def test_reading_entries_raises_no_other_errors(
     right: dict[str, Any], wrong: dict[str, Any]
 ) -> None:
     with suppress(ValueError, FreneticError):
@@ -412,7 +416,7 @@ LINE = f"{SOURCE} is damaged: it does not say with what it was driven: "
 
 
 @pytest.mark.parametrize(
-    ("place", "value", "fault"),
+    ("path", "value", "message"),
     [
         ("map_size", 1e999, "Expected `float` <= "),
         ("map_margin", -2.0, "Expected `float` >= 0.0 - at `$.map_margin`"),
@@ -438,23 +442,23 @@ LINE = f"{SOURCE} is damaged: it does not say with what it was driven: "
         ("spec.odd", {"fog": 3}, "there is no entry fog"),
     ],
 )
-def test_damage_is_one_line_with_its_place(place: str, value: Any, fault: str) -> None:
+def test_damage_is_one_line_with_its_path(path: str, value: Any, message: str) -> None:
     config = json.loads(recorded())
-    *path, name = place.split(".")
+    *parents, name = path.split(".")
     inner = config
-    for step in path:
-        inner = inner[step]
+    for parent in parents:
+        inner = inner[parent]
     inner[name] = value
     if value is MISSING:
         del inner[name]
     with pytest.raises(CampaignError) as caught:
         recorded_spec(config, source=SOURCE)
-    message = str(caught.value)
-    assert message.startswith(LINE)
-    assert message.endswith("; restore it from a copy")
-    assert fault in message
-    assert fault in fault_of(config)
-    assert "\n" not in message
+    text = str(caught.value)
+    assert text.startswith(LINE)
+    assert text.endswith("; restore it from a copy")
+    assert message in text
+    assert message in fault_of(config)
+    assert "\n" not in text
     with pytest.raises(CampaignError, match="is damaged"):
         driving_spec(config, source=SOURCE)
 
@@ -463,7 +467,7 @@ recorded_names = st.deferred(lambda: st.sampled_from([*json.loads(recorded())]))
 
 
 @given(st.dictionaries(recorded_names, values), anything, st.booleans())
-def test_reading_a_database_never_raises_anything_else(
+def test_reading_a_database_raises_campaign_errors_only(
     damage: dict[str, Any], wrong: dict[str, Any], is_spec: bool
 ) -> None:
     config = json.loads(recorded()) | damage
@@ -483,7 +487,7 @@ def test_reading_a_database_never_raises_anything_else(
         ({"driver": "planner", "simulator": "embedded", "haze": 1}, "there is no entry 'haze'"),
     ],
 )
-def test_a_wrong_entry_of_a_roads_file_names_the_remedy(driven: object, text: str) -> None:
+def test_a_wrong_entry_of_a_roads_file_is_refused_with_a_remedy(driven: object, text: str) -> None:
     with pytest.raises(FreneticError) as caught:
         Spec.of_driven(driven, source="road.json")
     message = str(caught.value)
@@ -507,16 +511,16 @@ OTHER_TERMS: dict[str, dict[str, Any]] = {
 """Field of terms -> entries that give it another value."""
 
 
-def made_in(folder: Path, **said: Any) -> Campaign:
+def campaign_in(folder: Path, **entries: Any) -> Campaign:
     """A campaign of one drive."""
     usual = {"strategy": "random", "driver": "planner", "seed": 1, "simulations": 1}
-    return Campaign.of(Spec.of(usual, said), folder=folder, workers=1)
+    return Campaign.of(Spec.of(usual, entries), folder=folder, workers=1)
 
 
 @pytest.fixture(scope="module")
 def usual_campaign(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("terms") / "usual"
-    made_in(folder).run()
+    campaign_in(folder).run()
     return folder
 
 
@@ -524,8 +528,8 @@ def usual_campaign(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_other_terms_make_another_campaign(
     field: str, usual_campaign: Path, tmp_path: Path
 ) -> None:
-    """They are not resumed, no repeats of each other, and their reruns lie apart."""
-    other = made_in(tmp_path / "other", **OTHER_TERMS[field])
+    """Other terms are not resumed, form another group, and their reruns go to another folder."""
+    other = campaign_in(tmp_path / "other", **OTHER_TERMS[field])
     differing = [
         item.name
         for item in fields(Terms)
@@ -533,18 +537,18 @@ def test_other_terms_make_another_campaign(
     ]
     assert differing == [field]
     with pytest.raises(CampaignError, match=field.replace("_", " ")):
-        made_in(usual_campaign, **OTHER_TERMS[field]).resume()
+        campaign_in(usual_campaign, **OTHER_TERMS[field]).resume()
     other.run()
     assert len(group_campaigns([usual_campaign, other.folder])) == 2
     usual = RoadTester.of(Spec(driver="planner"), Terms())
-    again = [
+    folders = [
         rerun_with(usual_campaign, tester, tests=[1]).folder
         for tester in (usual, replace(usual, terms=replace(other.tester.terms, domain=None)))
     ]
-    assert (again[0] == again[1]) == (field == "domain")
+    assert (folders[0] == folders[1]) == (field == "domain")
 
 
-def test_an_option_of_a_later_simulator_wins_over_an_earlier_condition() -> None:
+def test_a_later_option_of_the_simulator_wins_over_an_earlier_condition() -> None:
     icy = Spec.of({"with": {"friction": 0.5, "delay": 0.1}})
     dry = Spec.of(icy, {"simulator": "embedded,friction=1.2"})
     assert dry.conditions == {"delay": 0.1}
@@ -558,12 +562,12 @@ def test_amounts_may_be_numbers_of_numpy() -> None:
     assert Terms(conditions={"delay": np.float64(0.1)}).conditions == {"delay": 0.1}
 
 
-def test_a_rule_has_one_value() -> None:
+def test_two_values_of_a_rule_are_refused() -> None:
     with pytest.raises(ValueError, match="speed_limit is 60, and 70 in the criteria: leave out"):
         Spec.of({"criteria": "competition,speed_limit=70", "speed_limit": 60})
     assert Spec.of({"criteria": "speed_limit=70", "speed_limit": 70}).speed_limit == 70.0
 
 
-def test_an_attributes_name_in_a_file_is_answered_with_the_entrys_name() -> None:
+def test_the_name_of_an_attribute_in_a_file_is_corrected_to_the_entry() -> None:
     with pytest.raises(ValueError, match="there is no entry 'conditions': it is 'with'"):
         Spec.of({"conditions": {"delay": 0.1}})
