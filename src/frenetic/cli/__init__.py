@@ -31,9 +31,9 @@ _CHOICES: Final = (
     ("--out", "choose another place", "choose another place with --out"),
     ("--roads", "or the road class ", "or --roads "),
 )
-"""Option of a command, what the library says where it knows no options, and the words with it."""
+"""Option of a command, words of the library's errors, and the words that name the option."""
 _MOST_CHARACTERS: Final = 2_000
-"""Longest line about a mistake, which may quote what was given."""
+"""Most characters of the line about a mistake, which may quote an argument."""
 CONTEXT = {"help_option_names": ["-h", "--help"], "max_content_width": 100}
 
 
@@ -58,13 +58,13 @@ COMMANDS: Final = {
 
 
 def _commands() -> dict[str, str]:
-    """Name -> ``module:function`` of our commands, and of plug-ins' and other packages'."""
+    """Return name -> ``module:function`` of our commands, of plug-ins and of other packages."""
     installed_commands = {entry.name: entry.target for entry in installed("frenetic.commands")}
     return installed_commands | {name: f"{__name__}.{target}" for name, target in COMMANDS.items()}
 
 
 def _summary(target: str) -> str:
-    """The first line of a command: its source is read, since importing it takes long."""
+    """Return the first help line of a command from its source, since importing it takes long."""
     module, _, name = target.partition(":")
     with suppress(ImportError, OSError, ValueError):  # a broken package
         spec = find_spec(module)
@@ -78,11 +78,11 @@ class CommandTable(click.Group):
     """A group whose commands are imported when they are used."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:  # noqa: ARG002  # click's
-        """Their names."""
+        """Return the names of all commands."""
         return sorted(_commands())
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:  # noqa: ARG002
-        """The command of a name; None if there is none."""
+        """Return the command of a name; None if there is none."""
         target = _commands().get(cmd_name)
         if target is None:
             return None
@@ -91,7 +91,7 @@ class CommandTable(click.Group):
         return command
 
     def invoke(self, ctx: click.Context) -> Any:
-        """Runs the command; the library's words for what to choose get the name of the option."""
+        """Run the command; if an error advises a choice, name the option for it."""
         try:
             return super().invoke(ctx)
         except FreneticError as error:
@@ -104,7 +104,7 @@ class CommandTable(click.Group):
             raise
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:  # noqa: ARG002
-        """Writes the summary of each, without importing them."""
+        """Write the summary of each command without importing it."""
         summaries = {name: _summary(target) for name, target in _commands().items()}
         with formatter.section("Commands"):
             formatter.write_dl(sorted(summaries.items()))
@@ -137,7 +137,7 @@ class Invocation:
 
 
 def main(arguments: Sequence[str] | None = None) -> NoReturn:
-    """Runs the command line; a user's mistake is one line on stderr and exit code 2."""
+    """Run the command line; a user's mistake is one line on stderr and exit code 2."""
     # Numpy reads it when it is imported. Matrices are small here, where threads that wait for each
     # other take many times the processor's time, and workers have the other cores.
     os.environ.setdefault(BLAS_THREADS, "1")
@@ -176,18 +176,18 @@ def main(arguments: Sequence[str] | None = None) -> NoReturn:
 
 
 def fail(message: str) -> NoReturn:
-    """Ends the program with one line about a user's mistake."""
+    """End the program with one line about a user's mistake."""
     complain(message)
     sys.exit(2)
 
 
 def complain(message: str) -> None:
-    """Prints one line about a user's mistake to stderr."""
+    """Print one line about a user's mistake to stderr."""
     echo(f"frenetic: {shortened(' '.join(message.split()), _MOST_CHARACTERS)}", err=True)
 
 
 def echo(text: object = "", *, err: bool = False, nl: bool = True) -> None:
-    r"""Prints a text, whose control characters a terminal shows instead of obeying: ``\x1b``.
+    r"""Print a text with printable control characters, such as ``\x1b``.
 
     All that a command prints goes through it, or through a console of `frenetic.cli.console`.
 
@@ -200,7 +200,7 @@ def echo(text: object = "", *, err: bool = False, nl: bool = True) -> None:
 
 
 def silence(stream: TextIO) -> None:
-    """Discards a stream that nobody reads, so that nothing fails at exit either."""
+    """Discard a stream that nobody reads, so that nothing fails at exit either."""
     nowhere = os.open(os.devnull, os.O_WRONLY)
     os.dup2(nowhere, stream.fileno())
     os.close(nowhere)
@@ -219,7 +219,7 @@ def cli(context: click.Context, debug: bool) -> None:
 
 
 def _log_to_stderr() -> None:
-    """Logs what happens to stderr, whose control characters a terminal shows, see `echo`."""
+    """Log what happens to stderr, with printable control characters as in `echo`."""
     import logging
 
     class ShowingFormatter(logging.Formatter):

@@ -74,5 +74,5 @@ def ask_tell(
 
 
 def _lines() -> Iterator[str]:
-    """The lines of the input, whatever its encoding is: those that are no UTF-8 are no requests."""
+    """Return the lines of stdin; bytes that are no UTF-8 become surrogates."""
     yield from (line.decode("utf-8", "surrogateescape") for line in sys.stdin.buffer)

@@ -48,7 +48,7 @@ class _ShowingConsole(Console):
     """A console that shows control characters in texts, as `frenetic.cli.echo` does."""
 
     def render_str(self, text: str, **options: Any) -> Text:
-        """The text for the terminal; all that is printed comes here, also the cells of tables."""
+        """Return the text for the terminal; all printed texts pass here, also cells of tables."""
         return super().render_str(printable(text), **options)
 
 
@@ -59,7 +59,7 @@ class ResultsConsole(_ShowingConsole):
         super().__init__(highlight=False, width=None if sys.stdout.isatty() else 120)
 
     def on_broken_pipe(self) -> None:
-        """Leaves it to `main`."""
+        """Raise the error, which `main` handles."""
         raise BrokenPipeError
 
 
@@ -70,18 +70,18 @@ class Log(_ShowingConsole):
         super().__init__(stderr=True, highlight=False, soft_wrap=True)
 
     def stopping(self) -> None:
-        """Says that Ctrl-C was noticed."""
+        """Say that Ctrl-C was noticed."""
         self.print("Finishing what runs; press Ctrl-C again to leave at once.")
 
     def on_broken_pipe(self) -> None:
-        """Falls silent."""
+        """Print no more."""
         self.quiet = True
         silence(sys.stderr)
 
 
 @contextmanager
 def announced_compilation(log: Console) -> Iterator[Callable[[], None]]:
-    """Says that the simulator is compiled, if that takes a while; the returned function stops it.
+    """Say that the simulator is compiled, if that takes a while; the yielded function ends it.
 
     Where the compiled simulator is found on disk, nothing is said.
     """
@@ -107,7 +107,7 @@ def announced_compilation(log: Console) -> Iterator[Callable[[], None]]:
 
 
 def progress_text(progress: Summary) -> str:
-    """Progress of a search in one line."""
+    """Return the progress of a search in one line."""
     left = progress.seconds_left
     return (
         f"{progress.as_text()}{progress.worst_as_text},"
@@ -118,14 +118,14 @@ def progress_text(progress: Summary) -> str:
 
 @contextmanager
 def live_progress(log: Console) -> Iterator[Callable[[Summary], None]]:
-    """Shows the progress of a search."""
+    """Yield a function that shows the progress of a search."""
     with live_line(log) as show:
         yield lambda progress: show(progress.budget_spent, lambda: progress_text(progress))
 
 
 @contextmanager
 def live_line(log: Console) -> Iterator[Callable[[float, Callable[[], str]], None]]:
-    """Shows a share 0..1 and a text: a bar on a terminal, now and then a plain line elsewhere."""
+    """Yield a function that shows a share 0..1 and a text: a bar on a terminal, else lines."""
     if log.is_terminal:
         from rich.live import Live
         from rich.progress_bar import ProgressBar
@@ -174,11 +174,11 @@ class TimeLeft:
 
 @contextmanager
 def counted_progress(log: Console, work: str) -> Iterator[Callable[[int, int], None]]:
-    """Gives a function that shows the work done, and the whole work.
+    """Yield a function that shows the number of steps done and the number of all steps.
 
     Args:
         log: the console for it.
-        what: the work, such as "Checking".
+        work: the work, such as "Checking".
     """
     time_left = TimeLeft()
 
@@ -193,7 +193,7 @@ def counted_progress(log: Console, work: str) -> Iterator[Callable[[int, int], N
 def print_table(
     columns: Sequence[str], rows: Iterable[Sequence[object]], *, title: str | None = None
 ) -> None:
-    """Prints a table on stdout.
+    """Print a table on stdout.
 
     Args:
         columns: headings; a heading that begins with > stands over numbers, flush right.
@@ -210,12 +210,12 @@ def print_table(
 
 
 def two_digits(value: float | None) -> str | None:
-    """A number with two decimals."""
+    """Return a number with two decimals; None for None."""
     return None if value is None else f"{value:.2f}"
 
 
 def print_failures(clusters: Clusters, counts: Counts, listed: int, lane_width: float) -> None:
-    """Prints a table of distinct failures or, where nothing failed, of the nearest misses.
+    """Print a table of distinct failures or, if nothing failed, of the nearest misses.
 
     `print_causes` says in the first case how often the simulator broke, and what was compared.
 
@@ -265,7 +265,7 @@ def print_failures(clusters: Clusters, counts: Counts, listed: int, lane_width: 
 
 
 def print_causes(clusters: Clusters, counts: Counts, shortened: Mapping[int, Test]) -> None:
-    """Prints a table of the causes of failures.
+    """Print a table of the causes of failures.
 
     Args:
         clusters: the distinct failures.
@@ -300,19 +300,19 @@ def print_causes(clusters: Clusters, counts: Counts, shortened: Mapping[int, Tes
 
 
 def _cut(short: Test | None) -> str | None:
-    """How short a failing road became."""
+    """Say to how many metres a failing road was shortened; None without a shortened road."""
     return None if short is None else f"cut to {short.road.length:.0f} m"
 
 
 def first_error(store: CampaignStore) -> str:
-    """Reason of the first test in which the simulator broke; empty if there is none."""
+    """Return the reason of the first test in which the simulator broke; empty if there is none."""
     from frenetic.oracle.outcome import Outcome
 
     return "".join(test.reason for test in store.tests(Outcome.ERROR, limit=1))
 
 
 def clusters_json(clusters: Clusters) -> list[dict[str, Any]]:
-    """Distinct failures, or near misses, as JSON objects."""
+    """Return distinct failures, or near misses, as JSON objects."""
     return [
         {
             "most_severe": cluster.most_severe,
@@ -326,7 +326,7 @@ def clusters_json(clusters: Clusters) -> list[dict[str, Any]]:
 
 
 def causes_json(clusters: Clusters, shortened: Mapping[int, Test]) -> list[dict[str, Any]]:
-    """Causes of failures, as JSON objects."""
+    """Return causes of failures as JSON objects."""
     lengths = {test_id: test.road.length for test_id, test in shortened.items()}
     return [
         {
@@ -345,7 +345,7 @@ def limit_text(
     road: Road | None = None,
     conditions: Mapping[str, float] = MappingProxyType({}),
 ) -> str:
-    """The speed limit on a road in some conditions in words, and whence it is.
+    """Return the speed limit on a road as a text, with its origin.
 
     Args:
         setting: in which the road is driven.
@@ -357,7 +357,7 @@ def limit_text(
 
 
 def limit_of_search(setting: DriveSetting, from_roads: object) -> str:
-    """The speed limit of a search's roads in words, and whence it is.
+    """Return the speed limit of a search's roads as a text, with its origin.
 
     Args:
         setting: of the search.
@@ -376,7 +376,7 @@ def limit_of_search(setting: DriveSetting, from_roads: object) -> str:
 def facts_of_drive(
     result: Result, duration: float | None, lane_width: float
 ) -> list[tuple[str, str]]:
-    """Facts about a drive, fresh or recorded."""
+    """Return facts about a fresh or a recorded drive as labels and texts."""
     facts = []
     if result.moobd is not None and result.moobd_distance is not None:
         facts += [
@@ -413,7 +413,7 @@ def facts_of_drive(
 
 
 def print_measures(rows: Sequence[Mapping[str, Any]], criteria: CriteriaSet) -> None:
-    """Prints what was measured in a drive, with the limits of its criteria."""
+    """Print the signals of a drive with the limits of its criteria."""
     if not rows:
         return
     print_table(
@@ -433,7 +433,7 @@ def print_measures(rows: Sequence[Mapping[str, Any]], criteria: CriteriaSet) -> 
 
 
 def print_facts(facts: Sequence[tuple[str, str]]) -> None:
-    """Prints names and values, one pair a line, but for empty values."""
+    """Print labels and texts, one pair a line; an empty text is left out."""
     facts = [(name, value) for name, value in facts if value]
     width = max([10, *(len(name) for name, _ in facts)]) + 1
     for name, value in facts:
@@ -447,7 +447,7 @@ def this_command() -> Invocation:
 
 
 def shell(path: Path | str) -> str:
-    """A path or word for pasting into a shell."""
+    """Return a path or word for pasting into a shell."""
     import shlex
 
     text = str(path)

@@ -56,20 +56,20 @@ class Asked:
 
     name: str
     road: Road
-    """In its place on the map, if it fits."""
+    """The road, placed on the map if it fits."""
     verdict: Verdict
     test: Test | None = None
-    """The campaign's."""
+    """The test of a campaign; None for a road file."""
     campaign: Mapping[str, Any] | None = None
     """The campaign's configuration."""
     recorded: object = None
-    """Its driver, in a road's file."""
+    """The driver in a road's file."""
     conditions: Mapping[str, float] = field(default_factory=dict)
-    """The test's, but for those that the command line says."""
+    """Conditions of the test without those that the command line sets."""
     notes: tuple[str, ...] = ()
-    """Sentences about a map's roads that do not quite meet."""
+    """Sentences about roads of a map that do not quite meet."""
     behind: Callable[[float], Asked | None] | None = None
-    """What is left of a map's stretch behind a place in m along it; None if it is no such road."""
+    """Distance along a map's stretch, in m -> the road behind it; None for other roads."""
 
 
 @click.command()
@@ -150,7 +150,7 @@ def drive(
 def _of_campaign(
     options: CommandOptions, folder: Path, test_ids: tuple[int, ...], *, dry: bool
 ) -> tuple[tuple[Spec, Path], Rules | None, list[Asked]]:
-    """A campaign's spec and the folder of its code, its rules unless that says them, and roads."""
+    """Return a campaign's spec with the folder of its code, its recorded rules, and the roads."""
     from frenetic.campaign import CampaignStore
     from frenetic.rerun.rerun import recorded_rules
 
@@ -179,7 +179,7 @@ def _of_campaign(
 def _of_file(
     options: CommandOptions, path: Path, lane: int | None, test_id: int | None, *, dry: bool
 ) -> tuple[tuple[Spec, Path], list[Asked]]:
-    """Spec, folder and road of a road file; without a drive, points are judged where they lie."""
+    """Return spec, folder and road of a road file; ``--dry`` checks its points where they lie."""
     from frenetic.road import Verdict
     from frenetic.road.files import read_road
 
@@ -198,7 +198,7 @@ def _of_file(
 
 
 def _larger_map(file: RoadFile, road: Road, spec: Spec) -> str:
-    """What to do with a road that does not fit the map."""
+    """Say what to do with a road that does not fit the map."""
     if file.map_road is not None:
         return f"--road {shell(file.map_road)} drives it where it lies"
     map_size = spec.terms.map_size
@@ -216,7 +216,7 @@ def _larger_map(file: RoadFile, road: Road, spec: Spec) -> str:
 def _of_map(
     options: CommandOptions, path: Path, map_roads: str, lane: int | None
 ) -> tuple[tuple[Spec, Path], list[Asked]]:
-    """Spec and folder for the roads of a map, and these where they lie."""
+    """Return spec, folder and roads of a map; the roads stay where they lie."""
     from frenetic.errors import RoadError
     from frenetic.road import Verdict
     from frenetic.road.files import read_stretches
@@ -251,7 +251,7 @@ def _of_map(
 
 
 def _judged(spec: Spec, folder: Path, roads: list[Asked]) -> list[dict[str, Any]]:
-    """Which roads are valid; simulator and driver are made only for one that leans or rises."""
+    """Say which roads are valid; parts are made only for a road that leans, rises or widens."""
     from frenetic.campaign import RoadTester
 
     documents = []
@@ -350,7 +350,7 @@ def _document(
 def _compared(
     asked: Asked, result: Result, drive: Drive | None, tester: RoadTester
 ) -> dict[str, Any]:
-    """What differs from the campaign's own drive, for JSON; empty if it was driven otherwise.
+    """Return what differs from the campaign's drive, for JSON; empty if not compared.
 
     Nothing is compared after a drive with another driver, simulator, rules or conditions, nor for a
     road file.
@@ -366,7 +366,7 @@ def _compared(
 
 
 def _is_as_recorded(asked: Asked, tester: RoadTester) -> bool:
-    """Whether a campaign's test is driven with the campaign's parts, rules and conditions."""
+    """Tell whether a test is driven with its campaign's parts, rules and conditions."""
     from frenetic.parts.versions import differences
 
     test, setting = asked.test, tester.setting
@@ -384,7 +384,7 @@ def _is_as_recorded(asked: Asked, tester: RoadTester) -> bool:
 
 
 def _cannot_be_driven(tester: RoadTester, road: Road) -> str:
-    """Why a simulator cannot lay a valid road; empty if it can."""
+    """Say why a simulator cannot lay a valid road; empty if it can."""
     from frenetic.errors import RoadError
     from frenetic.simulators.capabilities import check_road
 
@@ -396,7 +396,7 @@ def _cannot_be_driven(tester: RoadTester, road: Road) -> str:
 
 
 def _who(spec: Spec, recorded: object, document: Mapping[str, Any]) -> Iterator[str]:
-    """Who drove, and with what the road's file is recorded if that is another."""
+    """Yield which driver drove, and the recorded driver if it differs."""
     from frenetic.parts.versions import other_version
     from frenetic.spec.part_record import part_text
 

@@ -47,7 +47,7 @@ _SEVERAL: Final = ("conditions", "start_from")
 def names_of(
     kind: str,
 ) -> Callable[[click.Context, click.Parameter, str], list[CompletionItem]]:
-    """Completes the names of a kind of part; anything else is a file, as in file.py:Class."""
+    """Return a completion of the names of a kind of part; any other word is a file."""
 
     def complete(_: click.Context, __: click.Parameter, incomplete: str) -> list[CompletionItem]:
         names = [
@@ -61,7 +61,7 @@ def names_of(
 
 
 class _SpecOption(click.ParamType):  # type: ignore[type-arg]  # generic in click's newest only
-    """The type of an option, for click: from a text to a spec with that one entry.
+    """Type of an option, for click: it reads a text into a spec with one entry.
 
     Args:
         entry: name of the attribute of `Spec`.
@@ -71,7 +71,7 @@ class _SpecOption(click.ParamType):  # type: ignore[type-arg]  # generic in clic
         self.name = self.entry = entry
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Spec:
-        """The spec."""
+        """Return the spec."""
         if isinstance(value, Spec):
             return value
         try:
@@ -80,7 +80,7 @@ class _SpecOption(click.ParamType):  # type: ignore[type-arg]  # generic in clic
             self.fail(str(error), param, ctx)
 
     def _read(self, text: str) -> Any:
-        """The value of the entry."""
+        """Return the value of the entry."""
         if self.entry == "conditions":
             return dict([_read_amount(text)])
         if self.entry == "start_from":
@@ -93,13 +93,13 @@ _KINDS: Final[Mapping[str, Any]] = get_type_hints(Spec)
 
 
 def _takes_text(entry: str) -> bool:
-    """Whether the value of an entry may be a text, so that an option's is not read as a number."""
+    """Tell whether an entry may be a text, so that its option is not read as a number."""
     hint = _KINDS[entry]
     return any(str in (kind, get_origin(kind)) for kind in (hint, *get_args(hint)))
 
 
 def _read_amount(text: str) -> tuple[str, float]:
-    """(name, amount) of a condition, from NAME=VALUE."""
+    """Return name and amount of a condition from NAME=VALUE."""
     name, equals, amount_text = (part.strip() for part in text.partition("="))
     row = condition_named(name)
     try:
@@ -112,14 +112,14 @@ def _read_amount(text: str) -> tuple[str, float]:
 
 
 def _meta(entry: str) -> Meta:
-    """What is said about an entry where it is declared."""
+    """Return the declared description of an entry."""
     hint = _HINTS[entry]
     assert get_origin(hint) is Annotated, f"{entry} has no option"
     return next(item for item in get_args(hint)[1:] if isinstance(item, Meta) and item.description)
 
 
 def entry_option(entry: str, help: str = "") -> Decorator:  # noqa: A002
-    """The option for an entry of a spec, as its declaration says.
+    """Return the option for an entry of a spec, with the help text of its declaration.
 
     Args:
         entry: name of the attribute of `Spec`.
@@ -143,7 +143,7 @@ def entry_option(entry: str, help: str = "") -> Decorator:  # noqa: A002
 
 
 def entry_options(*entries: str) -> Callable[[Callable[P, R]], Callable[P, R]]:
-    """The options for several entries, in this order."""
+    """Return a decorator that adds the options for several entries, in this order."""
 
     def decorate(command: Callable[P, R]) -> Callable[P, R]:
         return with_options([entry_option(entry) for entry in entries], command)
@@ -169,7 +169,7 @@ as_option: Final = click.option(
 
 
 def part_options(command: Callable[P, R]) -> Callable[P, R]:
-    """The options that choose a driver, its conditions and a simulator."""
+    """Add the options that choose a driver, conditions and a simulator."""
     return with_options(
         [as_option, *map(entry_option, ("driver", "conditions", "simulator"))], command
     )
@@ -184,7 +184,7 @@ trust_option: Final = click.option(
 
 
 def was_given(context: click.Context, name: str) -> bool:
-    """Whether the command line gives an option, so that its value is no default."""
+    """Tell whether the command line gives an option, so that its value is no default."""
     return context.get_parameter_source(name) is ParameterSource.COMMANDLINE
 
 
@@ -194,33 +194,33 @@ class PartsSource:
 
     path: Path
     spec: Spec
-    """As it names them, with its signature."""
+    """The named parts, with the signature of the file or campaign."""
     others: Parts = field(default_factory=dict)
-    """Parts that it names beside it, such as a bench's entrants."""
+    """Parts that are named beside the spec, such as a bench's entrants."""
     sources: object = None
-    """The parts' sources that it keeps."""
+    """The stored sources of the parts."""
     sign: Callable[[Signed], None] | None = None
-    """Signs it anew; None for a TOML, which the list of its user holds."""
+    """Function that signs the source anew; None for a TOML, which the user's list holds."""
 
 
 @dataclass(frozen=True)
 class CommandOptions:
-    """What a command line says of how roads are driven and searched."""
+    """Options of a command that choose how roads are driven and searched."""
 
     spec: Spec = field(default_factory=Spec)
-    """Entries that the options say."""
+    """Entries that the options set."""
     driven_as: Path | None = None
     """File of ``--as``."""
     is_trusted: bool = False
-    """Whether it says ``--trust``."""
+    """Whether ``--trust`` is given."""
     others: Parts = field(default_factory=dict)
-    """Other parts that it names, such as a bench's entrants."""
+    """Other named parts, such as a bench's entrants."""
     kinds: Collection[str] = ()
-    """Names of its command's parameters."""
+    """Names of the command's parameters."""
 
     @classmethod
     def of(cls, context: click.Context) -> CommandOptions:
-        """What the options of a command say, in whatever order.
+        """Return the options of a command, given in any order.
 
         Raises:
             click.UsageError: two of them give the amount of one condition.
@@ -247,18 +247,18 @@ class CommandOptions:
         return bool(self.spec.user_values) or self.driven_as is not None
 
     def says(self, *entries: str) -> bool:
-        """Whether an option says one of these entries."""
+        """Tell whether an option sets one of these entries."""
         return not self.spec.user_values.keys().isdisjoint(entries)
 
     @property
     def parts(self) -> list[str]:
-        """Kinds of the parts that it names, of which it does not only say options."""
+        """Kinds of the parts that the command line names; options alone name no part."""
         texts = {kind: text for kind in PARTS if (text := getattr(self.spec, kind))}
         named = [kind for kind, text in texts.items() if read_part(text)[0] is not None]
         return named + [kind for kind in ("objective", "workers") if self.says(kind)]
 
     def over(self, spec: Spec, *, has_roads: bool = True) -> Spec:
-        """A spec that drives as ``--as`` says, if it is given, and then as the options say.
+        """Return the spec with the driving entries of ``--as``, if given, and then the options.
 
         Args:
             spec: what holds otherwise.
@@ -293,7 +293,7 @@ class CommandOptions:
         others: Parts = MappingProxyType({}),
         noted: Collection[str] = (),
     ) -> tuple[Spec, Path]:
-        """Checks that a command may make its parts, see `frenetic.parts.trust`.
+        """Check that a command may make its parts, see `frenetic.parts.trust`.
 
         Args:
             spec: of the parts, as `over` gives it.
@@ -337,7 +337,7 @@ class CommandOptions:
         return spec.with_files_in(elsewhere), place
 
     def _trusted_folder(self, source: PartsSource, named: Parts, needed: Parts) -> Path:
-        """The folder from which a file's or campaign's code is loaded, which ``--trust`` signs."""
+        """Return the folder of a source's code; with ``--trust``, sign the source."""
         spec = source.spec
         folder = spec.require_trusted(
             source.path,
@@ -356,7 +356,7 @@ class CommandOptions:
         return folder
 
     def conditions(self, spec: Spec) -> list[str]:
-        """Conditions whose amounts the command line says, instead of the tests' own amounts.
+        """Return the conditions whose amounts the command line sets, instead of the tests.
 
         Args:
             spec: as `over` gives it.
@@ -367,7 +367,7 @@ class CommandOptions:
         return [*conditions, *amounts_in(self.spec.part("simulator").options)]
 
     def check_drawn(self, spec: Spec) -> None:
-        """Refuses an amount of a condition that the spec's domain draws.
+        """Refuse an amount of a condition that the spec's domain draws.
 
         Raises:
             click.UsageError: the command line gives one.
@@ -385,7 +385,7 @@ place_option: Final = entry_option(
 
 
 def without_place(spec: Spec) -> Spec:
-    """A spec without the options that say where its simulator is; a user's own is not loaded."""
+    """Return the spec without the options that say where its simulator is."""
     part = spec.part("simulator")
     if not part.options or SIMULATORS.is_own(part.name):
         return spec
@@ -393,7 +393,7 @@ def without_place(spec: Spec) -> Spec:
 
 
 def moved(recorded: Spec, place_options: Spec | None) -> Spec:
-    """The spec of a campaign, whose simulator is where `place_option` says that it is now.
+    """Return the spec of a campaign with its simulator where `place_option` says.
 
     Raises:
         click.UsageError: it says more than a place, or the simulator is another.
@@ -415,7 +415,7 @@ def moved(recorded: Spec, place_options: Spec | None) -> Spec:
 
 
 def _placed(spec: Spec, place: Mapping[str, Any]) -> Spec:
-    """The spec whose simulator has these options in place of those that say where it is."""
+    """Return the spec with these options that say where its simulator is, and no others."""
     name, options = spec.part("simulator")
     known = usual_of(name).place_options
     others = {option: value for option, value in options.items() if option not in known}

@@ -124,7 +124,7 @@ def export(
 
 
 def _named_by(out: Path | None, *, is_campaign: bool) -> str:
-    """The format that a road's file says."""
+    """Return the name of the format that the suffix of a road's file says."""
     from frenetic.export import format_of
 
     if is_campaign or out is None or str(out) == "-":
@@ -215,7 +215,7 @@ def _export_roads(
 
 
 def _file_part(roads: str) -> str:
-    """Roads of a map as a part of a file's name, which no other roads share."""
+    """Return roads of a map as a part of a file's name, unique for these roads."""
     part = re.sub(r"[^\w.]+", "-", roads)
     if '"' not in roads and len(part) <= _LONGEST_PART:
         return part
@@ -230,7 +230,7 @@ def _exported(
     lane: int | None,
     roads: str | None,
 ) -> tuple[ExportedRoad, Path]:
-    """The road, and the path of its file without the suffix."""
+    """Return the road, and the path of its file without the suffix."""
     from frenetic.export import ExportedRoad
 
     if test_id is None or source.is_file():

@@ -1,4 +1,4 @@
-"""The view of ``frenetic show --follow``: how a campaign goes, until it ends."""
+"""The view of ``frenetic show --follow``: the progress of a campaign until it ends."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ from frenetic.cli.console import ResultsConsole, live_line, print_facts, progres
 INTERVAL: Final = 1.0
 """Least time between two looks at the campaign, in s."""
 SHARE: Final = 0.1
-"""Largest share of the time that looking takes."""
+"""Largest share of the time that looks at the campaign take, 0..1."""
 
 
 def follow(folder: Path, *, as_json: bool) -> None:
-    """Shows a campaign until it ends, or prints its state as JSON; exits with 1 at a bad end."""
+    """Show a campaign until it ends, or print its state as JSON; exit with 1 unless it finished."""
     state = look(folder)
     if as_json:
         echo(json.dumps({"folder": str(folder)} | state.as_json()))
@@ -54,7 +54,7 @@ def follow(folder: Path, *, as_json: bool) -> None:
 
 
 def _facts(state: CampaignState, folder: Path) -> list[tuple[str, str]]:
-    """The state in words."""
+    """Return the state as labels and texts."""
     summary, status = state.summary, str(state.status)
     if state.status is Status.UNKNOWN:
         status += f": {state.writer} may write it"
@@ -76,7 +76,7 @@ def _facts(state: CampaignState, folder: Path) -> list[tuple[str, str]]:
 
 
 def _clock(time: str) -> str:
-    """A moment of the log for people: its time today, or its date too."""
+    """Return the time of a log line for people: with the date unless it is of today."""
     try:
         moment = datetime.fromisoformat(time).astimezone()
     except ValueError:

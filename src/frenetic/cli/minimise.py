@@ -54,7 +54,7 @@ class Work:
     road: Road
     files: MinimisedFiles
     test: Test | None = None
-    """The campaign's test, if it is one's."""
+    """The test of a campaign; None for a road file."""
 
 
 @click.command()
@@ -196,7 +196,7 @@ def _of_campaign(
     top: int | None,
     out: Path | None,
 ) -> tuple[Spec, Path, list[Work]]:
-    """Terms of a campaign's drives, the folder of its code, and the tests to minimise."""
+    """Return the spec of a campaign's drives, the folder of its code, and the roads to minimise."""
     from frenetic.campaign import CampaignStore
     from frenetic.oracle.outcome import Outcome
     from frenetic.report.minimised import MinimisedFiles, minimised_road

@@ -23,18 +23,18 @@ WORKERS: Final = click.IntRange(1, MAX_WORKERS)
 P = ParamSpec("P")
 R = TypeVar("R")
 Decorator: TypeAlias = Callable[[Any], Any]
-"""Gives a command an option."""
+"""A decorator that adds an option to a command."""
 
 
 def with_options(options: Sequence[Decorator], command: Callable[P, R]) -> Callable[P, R]:
-    """The command with all these options, in this order."""
+    """Return the command with all these options, in this order."""
     for option in reversed(options):
         command = option(command)
     return command
 
 
 class Read(click.ParamType):  # type: ignore[type-arg]  # generic in click's newest only
-    """What a function reads from a text; what it raises is a user's mistake.
+    """Type of an argument that a function reads from a text; its errors are a user's mistakes.
 
     Args:
         name: of such a text.
@@ -46,7 +46,7 @@ class Read(click.ParamType):  # type: ignore[type-arg]  # generic in click's new
         self.function = function
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
-        """What it reads."""
+        """Return the value that the function reads."""
         try:
             return self.function(value)
         except (ValueError, FreneticError) as error:
@@ -64,7 +64,7 @@ def _read_folder(text: str) -> Path:
 
 
 class NewFile(click.Path):
-    """A file to be written, refused before any work if it cannot be; an existing one is replaced.
+    """Type of a file to write or replace, which is refused at once if it cannot be written.
 
     Args:
         is_picture: whether the suffix has to name a picture format, such as .png.
@@ -75,7 +75,7 @@ class NewFile(click.Path):
         self.is_picture = is_picture
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Path:
-        """Its path."""
+        """Return the path, if it can be written."""
         path = Path(os.fsdecode(super().convert(value, param, ctx)))
         if ctx is not None and ctx.resilient_parsing:  # a shell completes the line
             return path
@@ -94,7 +94,7 @@ campaign_argument = click.argument("campaign", type=click.Path(path_type=Path))
 
 
 def source_arguments(command: Callable[P, R]) -> Callable[P, R]:
-    """The arguments for tests of a campaign, or the file of a road."""
+    """Add the arguments for tests of a campaign, or for the file of a road."""
     arguments = [
         click.argument("source", type=click.Path(path_type=Path), metavar="CAMPAIGN|ROAD"),
         click.argument("test_ids", type=int, nargs=-1, metavar="[ID]..."),
@@ -104,7 +104,7 @@ def source_arguments(command: Callable[P, R]) -> Callable[P, R]:
 
 @dataclass(frozen=True)
 class AskedRange:
-    """A condition and its range, as given."""
+    """A condition and its range, as the command line names them."""
 
     name: str
     limits: tuple[float, float] | None
@@ -112,7 +112,7 @@ class AskedRange:
 
 
 def ranges(example: str, *, values: bool = True) -> Read:
-    """The type of NAME=LOW:HIGH, NAME=VALUE or NAME.
+    """Return the type of NAME=LOW:HIGH, NAME=VALUE or NAME.
 
     Args:
         example: of a range, for the message about a mistake.
@@ -136,13 +136,13 @@ def ranges(example: str, *, values: bool = True) -> Read:
 
 
 def file_option(name: str, help: str, **more: Any) -> Decorator:  # noqa: A002
-    """An option for a file; ``more`` is click's."""
+    """Return an option for a file; ``more`` goes to click."""
     kind = click.Path(path_type=Path)
     return click.option(name, **{"type": kind, "metavar": "FILE", **more}, help=help)
 
 
 def folder_option(help: str) -> Decorator:  # noqa: A002
-    """The option for the folder of results."""
+    """Return the option for the folder of results."""
     return click.option("--out", type=Read("folder", _read_folder), metavar="DIR", help=help)
 
 
@@ -153,7 +153,7 @@ def count_option(
     least: int = 1,
     default: int | None = None,
 ) -> Decorator:
-    """An option for a number of things, whose default is shown."""
+    """Return an option for a number of things, whose help shows the default."""
     kind = click.IntRange(least)
     return click.option(name, type=kind, default=default, show_default=True, metavar="N", help=help)
 
@@ -186,7 +186,7 @@ json_option = click.option("--json", "as_json", is_flag=True, help="Print JSON."
 
 @contextmanager
 def as_usage_error() -> Iterator[None]:
-    """Turns a `ValueError` of the library into a user's mistake."""
+    """Turn a `ValueError` of the library into a user's mistake."""
     try:
         yield
     except ValueError as error:

@@ -46,7 +46,7 @@ VARIED_TIMES: Final = 20
 
 
 def variation(asked: AskedRange, tester: RoadTester) -> Variation:
-    """The range of a condition; its usual one for a tester if none is given."""
+    """Return the range of a condition; without limits, the usual range for a tester."""
     from frenetic.rerun.variations import Variation
 
     if asked.limits is None:

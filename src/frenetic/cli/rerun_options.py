@@ -1,4 +1,4 @@
-"""Shared parts of the commands that drive recorded roads, and of estimate, which draws them."""
+"""Shared parts of the commands that drive recorded roads, and of estimate."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 
 def campaign_source(store: CampaignStore) -> PartsSource:
-    """A campaign as a source of parts."""
+    """Return a campaign as a source of parts."""
     from frenetic.campaign.reader import SIGNATURE, SOURCES, STARTED_IN
     from frenetic.campaign.status import signed_spec
     from frenetic.campaign.store import CampaignStore
@@ -44,11 +44,11 @@ def campaign_source(store: CampaignStore) -> PartsSource:
 def campaign_spec(
     store: CampaignStore, options: CommandOptions, *, checked: bool = True
 ) -> tuple[Spec, Path]:
-    """The spec of a campaign, with replacements from the command line, and its parts' folder.
+    """Return a campaign's spec with the command line's changes, and the folder of its parts.
 
     Args:
         store: the campaign.
-        given: on the command line.
+        options: of the command line.
         checked: whether code that it names has to be trusted, see `frenetic.parts.trust`.
 
     Raises:
@@ -85,7 +85,7 @@ def file_spec(
     Files that do not say it are driven as the options and their defaults say.
 
     Args:
-        given: on the command line.
+        options: of the command line.
         file: the road's file.
         checked: as for `campaign_spec`.
 
@@ -104,7 +104,7 @@ def file_spec(
 def chosen_tests(
     store: CampaignStore, test_ids: tuple[int, ...], top: int | None
 ) -> list[int] | None:
-    """The tests that the command line names; None if it names none.
+    """Return the tests that the command line names; None if it names none.
 
     Raises:
         click.UsageError: it names them twice.
@@ -122,11 +122,11 @@ def chosen_tests(
 def shown_driving(
     log: Log, work: str, total: int | None = None
 ) -> Iterator[Callable[[Event], None]]:
-    """Gives the function that shows the events of campaigns that drive again.
+    """Yield a function that shows the events of campaigns that drive again.
 
     Args:
         log: the console for progress.
-        what: the work, such as "Driving again".
+        work: the work, such as "Driving again".
         total: number of drives of all campaigns; by default from the budget of the only one.
     """
     drives: dict[Path, int] = {}  # folder of a campaign -> its drives
@@ -156,7 +156,7 @@ def shown_driving(
 
 
 def interrupted(log: Log, rest: str, command: Invocation | None = None) -> click.exceptions.Exit:
-    """Print what is left to do, and which command goes on, by default the same; end this one."""
+    """Print what is left to do and the command that goes on; return the exit."""
     goes_on = f"the same command goes on: {this_command()}"
     if command is not None:
         goes_on = f"go on: {command}"

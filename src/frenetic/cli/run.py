@@ -79,7 +79,7 @@ def run(
 
 
 def _with_search(spec: Spec) -> Spec:
-    """The spec with a budget, a seed and a `max_in_flight`."""
+    """Return the spec with a budget, a seed and `max_in_flight`."""
     from frenetic.campaign import MAX_IN_FLIGHT
     from frenetic.parts.registry import STRATEGIES  # with what it loads, too slow for help
 

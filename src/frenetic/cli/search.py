@@ -41,7 +41,7 @@ fail_on_failure_option = click.option(
 
 
 def make_campaign(spec: Spec, folder: Path, place: Path) -> Campaign:
-    """The campaign of a command line.
+    """Return the campaign of a command line.
 
     Args:
         spec: of the campaign.
@@ -58,14 +58,14 @@ def make_campaign(spec: Spec, folder: Path, place: Path) -> Campaign:
 
 
 def is_finished(folder: Path, facts: Mapping[str, object]) -> bool:
-    """Whether a campaign with these facts has ended and has its report."""
+    """Tell whether a campaign with these facts has ended and has its report."""
     from frenetic.report.html import REPORT
 
     return "finished_at" in facts and (folder / REPORT).is_file()
 
 
 def _resume_words(folder: Path) -> str:
-    """The command line that goes on with what the present one began."""
+    """Return the command line that goes on with the campaign of the present one."""
     workers: Spec | None = click.get_current_context().params["workers"]
     option = "" if workers is None else f" --workers {shell(str(workers.workers))}"
     return f"frenetic resume {shell(folder)}{option}"
@@ -121,7 +121,7 @@ def search(
 
 
 class _Printer:
-    """Prints what happens in a search, and each of its results when it is there.
+    """Prints the events of a search, and each result as soon as it exists.
 
     Args:
         campaign: the campaign.
@@ -207,11 +207,11 @@ class _Printer:
         self._working.enter_context(self._log.status(text))
 
     def _taken(self) -> str:
-        """The time that the present step took."""
+        """Return the time that the present step took."""
         return format_duration(self._command.seconds - self._began)
 
     def _say(self, text: str) -> None:
-        """Print a line of the result, unless it is asked for as JSON."""
+        """Print a line of the result, unless the result is printed as JSON."""
         if not self._as_json:
             echo(text)
 
@@ -266,7 +266,7 @@ class _Printer:
 
 
 def _search_times(seconds: float, started: tuple[float, float] | None) -> str:
-    """The time of a search as its user waited for it, and the part before the first drive.
+    """Return the time that the user waited for a search, and the part before the first drive.
 
     Args:
         seconds: since the command began, in s.
@@ -280,7 +280,7 @@ def _search_times(seconds: float, started: tuple[float, float] | None) -> str:
 
 
 def _next_command(folder: Path, summary: Summary, *, is_clean: bool) -> str:
-    """The command that goes on with a search; empty if it has ended with failures."""
+    """Return the command that goes on with a search; empty if it ended with failures."""
     if summary.interrupted:
         return _resume_words(folder)
     if is_clean and summary.tests and not summary.ended:

@@ -207,7 +207,7 @@ def _print_tests(rows: Sequence[Mapping[str, Any]], names: Sequence[str], moobd_
 
 
 def _finite(value: float | None) -> float | None:
-    """A number for JSON; None for what has no limit."""
+    """Return a number for JSON; None for infinity."""
     return None if value == math.inf else value
 
 
@@ -293,7 +293,7 @@ def _facts_of_campaign(store: CampaignStore, counts: Counts) -> list[tuple[str, 
 
 
 def _budget(store: CampaignStore) -> str:
-    """The budget of a campaign, and whether it was spent."""
+    """Return the budget of a campaign, and whether it was spent."""
     from frenetic.campaign.status import stored_budget
 
     facts = store.facts
@@ -307,7 +307,7 @@ def _budget(store: CampaignStore) -> str:
 
 
 def _going_on(store: CampaignStore) -> str:
-    """The command that goes on with a campaign, or writes its report; empty if it is finished."""
+    """Return the command that goes on with a campaign or writes its report; empty if finished."""
     from frenetic.campaign.configuration import OWNER, SPEC
     from frenetic.campaign.status import Status, look
     from frenetic.cli.search import is_finished
@@ -321,7 +321,7 @@ def _going_on(store: CampaignStore) -> str:
 
 
 def _conditions(store: CampaignStore) -> Mapping[str, float]:
-    """What all drives of a campaign had in common, beside the usual."""
+    """Return the conditions of all drives of a campaign that differ from the usual ones."""
     from frenetic.campaign.configuration import recorded_spec
     from frenetic.campaign.database import DATABASE
 
@@ -330,7 +330,7 @@ def _conditions(store: CampaignStore) -> Mapping[str, float]:
 
 
 def _coverage(coverage: DomainCoverage) -> Iterator[tuple[str, str]]:
-    """What of a domain was driven: a line an axis."""
+    """Yield which cells of a domain were driven: labels and texts, first one for each axis."""
     for cells in coverage.singles:
         (axis,) = cells.axes
         texts = (
@@ -346,7 +346,7 @@ def _coverage(coverage: DomainCoverage) -> Iterator[tuple[str, str]]:
 
 
 def _cause(test: Test) -> str:
-    """What the driver did wrong in a failed test; empty if it is unknown or in its reason."""
+    """Say what the driver did wrong in a failed test; empty if unknown or in the reason."""
     from frenetic.analysis.causes import as_text
     from frenetic.analysis.failures import Failure
 
@@ -355,7 +355,7 @@ def _cause(test: Test) -> str:
 
 
 def _part(config: Mapping[str, Any], kind: str) -> str:
-    """A part of a campaign's configuration, with its options and version."""
+    """Return a part of a campaign's configuration as a text with options and version."""
     version = short_version(innermost(config.get(kind)))
     return recorded_part(config, kind) + (f" [{version}]" if version else "")
 
