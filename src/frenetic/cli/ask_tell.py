@@ -22,9 +22,11 @@ DEFAULT_SIMULATIONS = 1000
 
 @click.command(name="ask-tell")
 @entry_options("simulations", "time", "failures", "strategy")
-@click.option("--name", default="client", show_default=True, help="What drives, for the record.")
+@click.option(
+    "--name", default="client", show_default=True, help="Name of what drives, for the record."
+)
 @entry_options("odd", "map_size", "seed")
-@folder_option("Folder for the results; one that holds this search is gone on with.")
+@folder_option("Folder for the results; a folder that holds this search is resumed.")
 @click.pass_context
 def ask_tell(
     context: click.Context,

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 @click.command()
 @entry_option(
     "simulator",
-    "Check only this one, and in full. [default: all that are installed, in short]",
+    "Check only this simulator, in full. [default: all installed simulators, in short]",
 )
 @json_option
 def doctor(simulator: Spec | None, as_json: bool) -> None:

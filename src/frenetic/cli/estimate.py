@@ -37,7 +37,7 @@ if TYPE_CHECKING:
 @count_option("--drives", "Drive N times.", least=100, default=10_000)
 @workers_option
 @folder_option(
-    "Campaign that drives. [default: a folder in rerun/ of the CAMPAIGN, or a new one under"
+    "Folder for the drives. [default: a folder in rerun/ of the CAMPAIGN, or a new one under"
     " campaigns/]"
 )
 @json_option

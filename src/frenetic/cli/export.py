@@ -55,8 +55,8 @@ EXPORTS: Final = "exports"
     "--format",
     "form",
     metavar="FORMAT",
-    help=f"Of a campaign {', '.join(TABLES)}; of roads {', '.join(ROADS)}. Options follow a comma:"
-    " csv,trajectories=failures (or all, none), opendrive,origin=[49,8.4]. [default:"
+    help=f"For a campaign {', '.join(TABLES)}; for roads {', '.join(ROADS)}. Options follow a"
+    " comma: csv,trajectories=failures (or all, none), opendrive,origin=[49,8.4]. [default:"
     " for a road, what the suffix of --out says]",
 )
 @file_option(
@@ -70,7 +70,7 @@ EXPORTS: Final = "exports"
     "outcomes",
     type=click.Choice([str(outcome) for outcome in Outcome], case_sensitive=False),
     multiple=True,
-    help="Of a campaign, only tests with this outcome; may be repeated. [default: all]",
+    help="For a campaign: only tests with this outcome; may be repeated. [default: all]",
 )
 @lane_option
 @road_option

@@ -63,7 +63,7 @@ class Work:
 @count_option("--max-drives", "Drives to spend on each road at most.", default=500)
 @file_option(
     "--out",
-    "Where the road goes. [default: CAMPAIGN/minimised/test-ID.json, or test-ID-other.json if other"
+    "File for the road. [default: CAMPAIGN/minimised/test-ID.json, or test-ID-other.json if other"
     " parts than the campaign's drive it; beside ROAD with the suffix .min.json]",
 )
 @part_options

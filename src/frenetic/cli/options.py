@@ -162,15 +162,15 @@ lane_option = click.option(
     "--lane",
     type=int,
     metavar="ID",
-    help="OpenDRIVE: lane to drive on; one on the left (above 0) is driven against the road."
+    help="OpenDRIVE: lane to drive on; a lane on the left (above 0) is driven against the road."
     " [default: the innermost driving lane, on the right if possible]",
 )
 road_option = click.option(
     "--road",
     "map_roads",
     metavar="ID[,ID..]",
-    help="OpenDRIVE: roads of a map, where they lie. One that continues the road before it makes a"
-    " stretch with it; ID@240 begins 240 m on. An ID with a comma stands in double quotes:"
+    help="OpenDRIVE: roads of a map, where they lie. Roads that continue each other are driven"
+    " as one; ID@240 begins 240 m along the road. An ID with a comma stands in double quotes:"
     " '\"7,left\",8'.",
 )
 workers_option = click.option(
@@ -179,7 +179,7 @@ workers_option = click.option(
     default=1,
     show_default=True,
     metavar="N",
-    help="Drive on N roads at once, in processes of their own.",
+    help="Drive on N roads at once, each in its own process.",
 )
 json_option = click.option("--json", "as_json", is_flag=True, help="Print JSON.")
 

@@ -13,7 +13,7 @@ from frenetic.cli.options import campaign_argument, file_option, json_option
 
 @click.command()
 @campaign_argument
-@file_option("--out", "Where to. [default: report.html in the campaign's folder]")
+@file_option("--out", "File for the report. [default: report.html in the campaign's folder]")
 @json_option
 def report(campaign: Path, out: Path | None, as_json: bool) -> None:
     """Write the report of a CAMPAIGN: its failures, with pictures and replays.

@@ -78,7 +78,7 @@ def variation(asked: AskedRange, tester: RoadTester) -> Variation:
     "--out",
     type=click.Path(path_type=Path),
     metavar="FOLDER",
-    help="Campaign that drives them. [default: a folder in rerun/ of the CAMPAIGN]",
+    help="Folder for the drives. [default: a folder in rerun/ of the CAMPAIGN]",
 )
 @file_option("--junit", "Write the results as JUnit XML, one test case per road.", type=NewFile())
 @fail_on_failure_option

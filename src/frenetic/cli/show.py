@@ -80,7 +80,7 @@ LISTED_TESTS: Final = 20
 @click.option(
     "--follow",
     is_flag=True,
-    help="Show how the campaign goes until it ends; with --json, print how it goes now.",
+    help="Show the progress of the campaign until it ends; with --json, print its present state.",
 )
 @json_option
 def show(
@@ -93,7 +93,7 @@ def show(
     follow: bool,
     as_json: bool,
 ) -> None:
-    """Say what a CAMPAIGN folder holds, list its tests, or show one in full, with its picture.
+    """Say what a CAMPAIGN folder holds, list its tests, or show a test in full, with a picture.
 
     --outcome, --feature, --sort and --limit list tests. Features describe the road and the drive
     within 30 m of the place where the car left its lane, or else was nearest to its edge: length,
