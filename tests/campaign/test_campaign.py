@@ -322,7 +322,7 @@ def test_run_refuses_a_missing_or_wrong_number_of_simulations(tmp_path: Path) ->
 
 
 def nested(levels: int) -> list[Any]:
-    """Lists within each other, so many levels deep."""
+    """Lists that are nested so many levels deep."""
     value: list[Any] = []
     for _ in range(levels):
         value = [value]

@@ -83,7 +83,7 @@ def test_a_campaign_is_sound_while_it_runs(tmp_path: Path) -> None:
     def look(progress: Any) -> None:
         if progress.tests == 5:
             assert check_campaign(tmp_path).findings == ()
-            with refused("is being written"):  # the writer has not lost its lock by the check
+            with refused("is being written"):  # the check left the writer its lock
                 CampaignStore.open(tmp_path, readonly=False)
 
     campaign(tmp_path, 10).run(on_event=on_result(look))

@@ -81,7 +81,7 @@ def test_a_lock_names_the_process_that_holds_it(path: Path) -> None:
 
 
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="there is no forking here")
-def test_a_fork_neither_holds_nor_releases_it(path: Path) -> None:
+def test_a_fork_neither_holds_nor_releases_the_lock(path: Path) -> None:
     with holding(path, "fork") as (process, child):
         try:
             assert holder(path) is not None
@@ -95,7 +95,7 @@ def test_a_fork_neither_holds_nor_releases_it(path: Path) -> None:
 @pytest.mark.parametrize(
     "lie", [{"host": "elsewhere"}, {"process_start": 1}, {"process_id": 1 << 30}, {"host": 3}]
 )
-def test_an_outdated_process_id_in_a_lock_file_names_no_process(
+def test_a_process_id_in_a_lock_file_counts_only_if_host_and_start_match(
     path: Path, lie: dict[str, Any]
 ) -> None:
     with lock_file(path):
@@ -120,7 +120,7 @@ def test_a_look_at_a_lock_makes_no_file_and_locks_nobody_out(
         lock_file(path).release()
 
 
-def test_a_lock_that_cannot_be_made_is_one_line(tmp_path: Path) -> None:
+def test_a_lock_that_cannot_be_made_is_refused_in_one_line(tmp_path: Path) -> None:
     with refused("cannot lock .*; check"):
         lock_file(tmp_path)
 

@@ -134,7 +134,7 @@ class FakeWorkers:
         (self.second_drives if is_second_drive else self.submitted).append(candidate.id)
 
     def wait(self, timeout: float) -> Sequence[Attempt]:
-        assert self.running, "nobody is waited for"
+        assert self.running, "no candidate is being driven"
         return [self._attempt(number) for number in self.choose(list(self.running))]
 
     def _attempt(self, number: int) -> Attempt:

@@ -34,7 +34,7 @@ def news_of(state: CampaignState) -> list[str]:
 # States
 
 
-def test_a_finished_campaign_is_finished(tmp_path: Path) -> None:
+def test_a_finished_campaign_has_its_counts_and_latest_failures(tmp_path: Path) -> None:
     summary = campaign(tmp_path, 80).run()
     state = look(tmp_path)
     assert (state.status, state.seconds_left) == (Status.FINISHED, None)
@@ -63,7 +63,9 @@ def test_a_look_at_a_running_campaign_counts_each_result(tmp_path: Path) -> None
         assert look(tmp_path).status is Status.FINISHED
 
 
-def test_a_killed_campaign_is_killed_until_it_is_resumed(tmp_path: Path) -> None:
+def test_a_look_says_killed_at_once_after_a_kill_until_the_campaign_is_resumed(
+    tmp_path: Path,
+) -> None:
     with paced(tmp_path) as process:
         process.go_on()
         process.kill()

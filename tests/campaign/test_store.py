@@ -339,7 +339,7 @@ def test_a_store_holds_all_candidates_and_results_after_broken_writes(
             with pytest.raises((CampaignError, KeyboardInterrupt)) if is_held else nullcontext():
                 store.write()
             breaking.left = 0
-            if breaking.is_after and is_last:  # it commits
+            if breaking.is_after and is_last:  # the commit came before the break
                 written = len(candidates), len(results)
         elif deed in ("write", "look", "reopen"):
             if deed == "write":

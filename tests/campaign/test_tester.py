@@ -211,7 +211,7 @@ class Mine(Planner):
     def __init__(self):
         super().__init__()
         self.made_in = os.getpid()
-        self.session = lambda: None  # no copy of it can be sent
+        self.session = lambda: None  # it cannot be copied to another process
 
 class Plain(Planner):
     def __init__(self):

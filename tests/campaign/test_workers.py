@@ -221,7 +221,7 @@ class WritesNonsense:
 
 
 @posix_only
-def test_answers_before_nonsense_stand(marks: Marks) -> None:
+def test_answers_before_nonsense_are_received(marks: Marks) -> None:
     spoiling = ObjectProcess("it", pack(WritesNonsense(marks)))
     spoiling.start()
     spoiling.answer()
@@ -442,7 +442,7 @@ class Unpicklable(DummyDriver):
         raise ValueError("Unpicklable\nstays at home")
 
 
-def test_a_driver_that_cannot_be_made_again_is_one_line(tmp_path: Path) -> None:
+def test_a_driver_that_cannot_be_unpickled_is_refused_in_one_line(tmp_path: Path) -> None:
     with (
         refused(r"no worker could be started: .*Unpicklable"),
         local(DummySimulator(), Unpicklable(), folder=tmp_path) as workers,
@@ -450,14 +450,14 @@ def test_a_driver_that_cannot_be_made_again_is_one_line(tmp_path: Path) -> None:
         await_free(workers)
 
 
-def test_a_driver_from_a_users_file(tmp_path: Path) -> None:
+def test_a_driver_from_a_users_file_drives_in_a_worker(tmp_path: Path) -> None:
     was_there = write_mine(tmp_path, "mine")
     with own_modules():
         driver = DRIVERS.make(f"{tmp_path / 'mine.py'}:Mine")
         with local(DummySimulator(), driver, folder=tmp_path) as workers:
             assert drive_all(workers, [8])[1].failure is None
         assert was_there.exists()
-        # The file has gone meanwhile: a worker says so.
+        # Without the file, a worker says that it is missing.
         (tmp_path / "mine.py").unlink()
         with (
             refused(r"there is no file .*mine\.py"),

@@ -27,7 +27,7 @@ CLIENT = Path(__file__).with_name("client.js")
 
 
 class Client:
-    """Sends requests to a command in a process of its own."""
+    """Sends requests to the command, which runs in another process."""
 
     def __init__(self, folder: Path, *options: str) -> None:
         words = [sys.executable, "-m", "frenetic", "ask-tell", "--out", str(folder), *options]
@@ -62,7 +62,7 @@ class Client:
 
 
 def sample_result(road: dict[str, Any]) -> dict[str, Any]:
-    """A result that depends on the road alone; for every other road with records of a drive."""
+    """A result that depends on the road alone; every other road has records of a drive, too."""
     moobd = 1.5 - 40.0 * max(map(abs, road["curvatures"]))
     result = {"outcome": "FAIL" if moobd < -0.5 else "PASS", "moobd": moobd, "duration": 20.0}
     if road["id"] % 2:
@@ -73,7 +73,9 @@ def sample_result(road: dict[str, Any]) -> dict[str, Any]:
 
 
 def test_ask_hands_out_the_strategys_roads_and_leaves_a_usual_campaign(tmp_path: Path) -> None:
-    client = Client(tmp_path / "told", "--seed", "3", "--strategy", "random", "--simulations", "12")
+    client = Client(
+        tmp_path / "search", "--seed", "3", "--strategy", "random", "--simulations", "12"
+    )
     reported = 0
     while "candidate" in (answer := client.call(ask={})):
         assert client.tell(answer["candidate"])["told"] == answer["candidate"]["id"]
@@ -84,7 +86,7 @@ def test_ask_hands_out_the_strategys_roads_and_leaves_a_usual_campaign(tmp_path:
     summary = client.end()
     assert reported == summary["simulations"] == 12
 
-    folder = tmp_path / "told"
+    folder = tmp_path / "search"
     strategy = RandomSearch(seed=3)
     with CampaignStore.open(folder) as store:
         tests = list(store.tests(with_trajectory=True))
@@ -111,7 +113,7 @@ class Loud(RandomSearch):
 def test_an_unusable_request_is_answered_and_changes_nothing(tmp_path: Path) -> None:
     """What the strategy prints is not taken for an answer."""
     (tmp_path / "loud.py").write_text(LOUD, encoding="utf-8")
-    client = Client(tmp_path / "told", "--strategy", f"{tmp_path}/loud.py:Loud")
+    client = Client(tmp_path / "search", "--strategy", f"{tmp_path}/loud.py:Loud")
     road, *others = [client.road() for _ in range(4)]
     assert len({candidate["id"] for candidate in (road, *others)}) == 4
     result = {"id": road["id"], "outcome": "FAIL"}
@@ -166,7 +168,7 @@ def test_an_unreadable_line_is_answered_and_changes_nothing(tmp_path: Path) -> N
         b"\x00",
     ]
     done = subprocess.run(
-        [sys.executable, "-m", "frenetic", "ask-tell", "--out", str(tmp_path / "told")],
+        [sys.executable, "-m", "frenetic", "ask-tell", "--out", str(tmp_path / "search")],
         input=b"\n".join([*lines, b'{"end": {}}\n']),
         env=os.environ | {"PYTHONIOENCODING": "utf-8:strict"},
         capture_output=True,
@@ -187,22 +189,22 @@ def test_with_a_domain_each_road_has_conditions(tmp_path: Path) -> None:
         'roads = "urban-50,length=300"\n[conditions]\nfriction = { low = 0.3, high = 0.5 }\n'
         "fog = { low = 20, high = 60 }\ngust = 9\n"
     )
-    client = Client(tmp_path / "told", "--odd", str(file), "--seed", "3")
+    client = Client(tmp_path / "search", "--odd", str(file), "--seed", "3")
     roads = [client.road() for _ in range(3)]
     for road in roads:
         conditions = road["conditions"]
         assert conditions.keys() == {"friction", "fog", "gust", "gust_at"}
         assert 0.3 <= conditions["friction"] <= 0.5
-        assert road["lane_width"] == 3.25, "the class's"
+        assert road["lane_width"] == 3.25, "the lane width of the class"
         client.tell(road)
     client.end()
-    with CampaignStore.open(tmp_path / "told") as store:
+    with CampaignStore.open(tmp_path / "search") as store:
         assert [dict(test.candidate.conditions) for test in store.tests()] == [
             road["conditions"] for road in roads
         ]
         assert (store.setting.rules.speed_limit, store.setting.map_size) == (50.0, 400.0)
         assert store.setting.domain is not None
-    assert not check_campaign(tmp_path / "told").findings
+    assert not check_campaign(tmp_path / "search").findings
 
 
 def test_after_a_kill_the_search_goes_on_with_the_same_roads(tmp_path: Path) -> None:
@@ -221,7 +223,7 @@ def test_after_a_kill_the_search_goes_on_with_the_same_roads(tmp_path: Path) -> 
 
 @pytest.mark.heavy
 def test_results_that_came_before_an_older_roads_result_survive_a_kill(tmp_path: Path) -> None:
-    folder, options = tmp_path / "told", ("--seed", "5", "--simulations", "20")
+    folder, options = tmp_path / "search", ("--seed", "5", "--simulations", "20")
     client = Client(folder, *options)
     oldest, *others = [client.road() for _ in range(3)]
     for road in others:
@@ -274,7 +276,7 @@ def test_a_strategy_may_wait_for_a_result(tmp_path: Path) -> None:
         answers.append,
         strategy=OneByOne(),
         budget=Budget(simulations=9),
-        folder=tmp_path / "told",
+        folder=tmp_path / "search",
     )
     summary = campaign.serve()
     kinds = [next(iter(answer)) for answer in answers]
@@ -298,7 +300,7 @@ def test_a_reported_share_of_the_budget_replaces_the_count_also_after_a_kill(
     tmp_path: Path,
 ) -> None:
     """A result without MOOBD is stored, too."""
-    folder = tmp_path / "told"
+    folder = tmp_path / "search"
     options = ("--simulations", "2", "--seed", "3")
     client = Client(folder, *options)
     for number in range(12):  # more than --simulations, and more errors than end a usual search

@@ -245,7 +245,7 @@ def sizes_of_files(folder: Path) -> dict[Path, int]:
 
 
 @pytest.mark.parametrize("mistake", MISTAKES, ids=lambda mistake: mistake[0][:60])
-def test_a_mistake_is_one_line_and_changes_no_file(
+def test_a_mistake_is_refused_in_one_line_and_changes_no_file(
     frenetic: Frenetic, workplace: Path, mistake: tuple[str, ...], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(workplace)
@@ -270,7 +270,7 @@ DRIVE = {
 
 
 def test_every_command_has_a_call_and_a_mistake_above() -> None:
-    commands = {*NAMES} - {"ask-tell"}  # which answers in JSON lines
+    commands = {*NAMES} - {"ask-tell"}  # ask-tell answers in JSON lines
     assert {call.split()[0] for call in CALLS} == commands
     assert {mistake.split()[0] for mistake, *_ in MISTAKES} - {"fly"} == commands
 
@@ -383,7 +383,7 @@ sys.meta_path.insert(0, PressesCtrlC())
 @pytest.mark.parametrize(
     "program", [("-m", "frenetic"), ("-c", "from frenetic.__main__ import main; main()")]
 )
-def test_ctrl_c_while_the_command_line_is_imported_is_one_line(
+def test_ctrl_c_while_the_command_line_is_imported_ends_it_in_one_line(
     tmp_path: Path, program: tuple[str, str], module: str
 ) -> None:
     (tmp_path / "sitecustomize.py").write_text(PRESSES_CTRL_C)

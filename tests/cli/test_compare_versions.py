@@ -61,9 +61,9 @@ def test_a_driver_edited_in_place_is_compared_with_its_old_version(frenetic: Fre
 
     def write(aggression: float, comment: str = "") -> None:
         Path("mine.py").write_text(text.format(aggression) + comment)
-        os.utime(
-            "mine.py", (1_700_000_000 + 100 * aggression,) * 2
-        )  # bytecode goes by whole seconds
+        # Python compares the times of source and bytecode in whole seconds.
+        written = 1_700_000_000 + 100 * aggression  # s
+        os.utime("mine.py", (written, written))
 
     comparison = ("compare", "v1", "--driver", "mine.py:Mine", *FEW)
 

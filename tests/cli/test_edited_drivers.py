@@ -78,7 +78,8 @@ def versions(edited_campaigns: Path, tmp_path: Path, frenetic: Frenetic) -> None
 def write_gains(heading: str) -> None:
     for file in ("gains.py", "laws/gains.py"):
         Path(file).write_text(f"HEADING = {heading}  # rad/rad\n", encoding="utf-8")
-        written = 1_700_000_000 + 100 * float(heading)  # bytecode is told apart by whole seconds
+        # Python compares the times of source and bytecode in whole seconds.
+        written = 1_700_000_000 + 100 * float(heading)  # s
         os.utime(file, (written, written))
 
 
@@ -118,7 +119,7 @@ def test_compare_never_takes_two_versions_for_repeats(frenetic: Frenetic) -> Non
 def test_resume_refuses_an_edited_driver_and_advises_a_command(
     frenetic: Frenetic, folder: str, heading: str
 ) -> None:
-    """Another campaign has the edited version of the file; of the package, none has."""
+    """The campaign new has the edited version of the file; no campaign has that of the package."""
     resume = ("resume", folder, "--simulations", "2")
     write_gains(heading)
     gains = "gains.py" if folder == "old" else "laws/gains.py"

@@ -191,7 +191,7 @@ def test_more_drives_lower_the_upper_limit_even_in_other_conditions(share: float
         few, more = (estimate_of(known(share), drives=n, seed=seed) for n in (200, 1000))
         assert more.high < 0.5 * few.high
         plain_alone = rate_interval(few.failures, few.kilometres / 1000.0)[1]
-        assert few.high < plain_alone, "the other drives count, too"
+        assert few.high < plain_alone, "drives in other conditions count, too"
 
 
 def test_the_same_seed_gives_the_same_estimate_for_any_order_of_results() -> None:
@@ -242,7 +242,7 @@ def test_kilometres_count_only_what_the_car_drove(tmp_path: Path) -> None:
     soon = RoadTester(EmbeddedSimulator(), Broken(0.5), TERMS)
     failure_rate = estimate(soon, drives=100, seed=1, out=tmp_path / "soon")
     assert failure_rate.failures == failure_rate.plain
-    assert 0.0 < failure_rate.length < 0.002, "km until half a second"
+    assert 0.0 < failure_rate.length < 0.002, "km that are driven in half a second"
     never = RoadTester(EmbeddedSimulator(), Broken(0.0), TERMS)
     with pytest.raises(FreneticError, match="before the car moved"):
         estimate(never, drives=100, seed=1, out=tmp_path / "never")
@@ -272,7 +272,7 @@ def test_a_domain_without_valid_roads_is_refused_and_leaves_no_folder(
     assert not (tmp_path / "c").exists()
 
 
-# As a campaign
+# Estimates as campaigns
 
 
 def embedded(simulator: EmbeddedSimulator | None = None) -> RoadTester:
@@ -372,7 +372,9 @@ def test_after_a_simulator_broke_the_same_call_goes_on(
     assert estimate(embedded(Breaking()), drives=100, out=out) == uninterrupted
 
 
-def test_estimate_on_the_command_line(frenetic: Frenetic, tmp_path: Path) -> None:
+def test_estimate_prints_a_rate_that_show_and_report_repeat(
+    frenetic: Frenetic, tmp_path: Path
+) -> None:
     path = tmp_path / "icy.toml"
     path.write_text(
         'roads = "urban-50,length=200"\n[conditions]\nfriction = { low = 0.1, high = 0.6 }\n',

@@ -66,7 +66,7 @@ ENTRIES: Final = {
 
 @pytest.mark.parametrize("nested", NESTED)
 @pytest.mark.parametrize("entry", ENTRIES)
-def test_deeply_nested_input_is_one_line_wherever_it_is_read(
+def test_deeply_nested_input_is_refused_in_one_line_by_every_reader(
     entry: str, nested: str, frenetic: Frenetic, tmp_path: Path
 ) -> None:
     text = NESTED[nested]

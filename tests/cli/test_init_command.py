@@ -16,7 +16,7 @@ pytest_plugins = ["command_line"]
 
 
 @pytest.mark.heavy
-def test_the_driver_passes_its_test_and_most_roads(frenetic: Frenetic) -> None:
+def test_the_written_driver_passes_its_test_and_most_roads(frenetic: Frenetic) -> None:
     answer = frenetic("init", "parts/lane_keeper.py")
     assert "lane_keeper.py:LaneKeeper" in answer.out
     assert "pytest" in answer.out

@@ -71,7 +71,7 @@ def test_fail_on_failure_exits_1_only_if_a_test_failed(frenetic: Frenetic) -> No
 def test_run_refuses_a_simulator_whose_package_is_missing_and_leaves_nothing(
     frenetic: Frenetic, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    loaded = ("metadrive.", "frenetic.plugins.metadrive.world")  # by other tests
+    loaded = ("metadrive.", "frenetic.plugins.metadrive.world")  # loaded by other tests
     for name in [name for name in sys.modules if name.startswith(loaded)]:
         monkeypatch.delitem(sys.modules, name)
     monkeypatch.setitem(sys.modules, "metadrive", None)

@@ -155,7 +155,7 @@ WRONG = {
 
 
 @pytest.mark.parametrize("text", WRONG)
-def test_a_wrong_file_is_one_line(frenetic: Frenetic, text: str) -> None:
+def test_a_wrong_file_is_refused_in_one_line(frenetic: Frenetic, text: str) -> None:
     Path("run.toml").write_text(f"{text}\n")
     assert frenetic("run", "run.toml", "--out", "c").refuses("run.toml", WRONG[text])
     assert not Path("c").exists()

@@ -74,7 +74,7 @@ def test_a_name_that_two_packages_claim_is_refused_with_their_names(site: Path) 
 
 
 def test_installed_entry_points_are_read_once(site: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    del site  # new, so that nothing was read for it
+    del site  # its folder is new, so nothing was read for it
     DRIVERS.load("stanley")
     monkeypatch.setattr(importlib.metadata, "entry_points", None)
     DRIVERS.load("planner")
@@ -242,7 +242,7 @@ def test_a_local_module_that_python_shadows_is_refused_in_one_line(
     assert not mark.exists()
 
 
-def test_local_modules_with_names_of_pythons_are_fine_if_not_imported(folder: Path) -> None:
+def test_local_files_that_nothing_imports_may_have_names_of_python_modules(folder: Path) -> None:
     (folder / "json").mkdir()  # a folder of data
     write_marking(folder / "colorsys.py")
     write_drivers(folder, glob="import glob, json; assert glob.glob", own="import json")

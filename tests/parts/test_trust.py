@@ -321,7 +321,7 @@ def test_a_program_that_a_strangers_simulator_starts_is_refused(
     change_fact("c", "config", with_entry("simulator", "beamng,home=/opt/theirs"))
     refused = frenetic(*commands()["rerun"], *OWN_DRIVER)
     assert refused.refuses("the simulator 'beamng'", "--simulator beamng,home=/opt/theirs")
-    # There is no option for the driver, so naming the simulator alone would not help.
+    # `resume` has no option for the driver, so naming the simulator alone would not help.
     refused = frenetic(*commands()["resume"])
     assert refused.refuses("the simulator 'beamng'", "if you do, add --trust")
     assert not received.exists()

@@ -141,7 +141,7 @@ def merged(*sources: dict[str, Any]) -> dict[str, Any]:
             {"with": {"delay": 0.1, "view": 20.0, "noise": 0.2}},
         ),
         ({"with": {"delay": 0.1, "view": 30.0}}, {"with": {"delay": 0, "view": math.inf}}, {}),
-        # A wall limit is one of a simulator
+        # A wall limit belongs to a simulator
         (
             {"simulator": "beamng", "wall_limit": 90.0},
             {"simulator": "steps=3"},
@@ -158,14 +158,14 @@ def merged(*sources: dict[str, Any]) -> dict[str, Any]:
             {"simulator": "beamng", "wall_limit": 5.0},
             {"simulator": "beamng", "wall_limit": 5.0},
         ),
-        # A speed limit stands for an earlier amount of speed
+        # A speed limit replaces an earlier amount of speed
         ({"with": {"speed": 40.0}}, {"speed_limit": 60.0}, {"speed_limit": 60.0}),
         (
             {"speed_limit": 60.0},
             {"with": {"speed": 40.0}},
             {"speed_limit": 60.0, "with": {"speed": 40.0}},
         ),
-        # Others stand for all of the earlier ones
+        # Other entries replace all earlier values
         ({"from": ["a", "b"]}, {"from": ["c"]}, {"from": ("c",)}),
         ({"criteria": "after-un-r79"}, {"criteria": "competition"}, {"criteria": "competition"}),
         (
@@ -210,7 +210,7 @@ def test_roads_set_speed_limit_map_and_lanes(
     assert earlier_roads.road_class == Spec.of(roads).road_class
 
 
-def test_conditions_without_roads_leave_the_roads() -> None:
+def test_a_domain_without_roads_keeps_the_earlier_roads() -> None:
     calm = {"conditions": TOWN["conditions"]}
     spec = Spec.of(BEFORE_ROADS, {"odd": calm})
     assert spec.entries().items() >= BEFORE_ROADS.items()
@@ -388,7 +388,7 @@ WRONG: dict[str, tuple[dict[str, Any], str]] = {
 
 
 @pytest.mark.parametrize("name", WRONG)
-def test_a_wrong_entry_is_one_line_that_says_what_is_needed(name: str) -> None:
+def test_a_wrong_entry_is_refused_in_one_line_with_what_is_needed(name: str) -> None:
     wrong, text = WRONG[name]
     with pytest.raises((ValueError, FreneticError)) as caught:
         Spec.of({"driver": "stanley"}, wrong)
@@ -442,7 +442,7 @@ LINE = f"{SOURCE} is damaged: it does not say with what it was driven: "
         ("spec.odd", {"fog": 3}, "there is no entry fog"),
     ],
 )
-def test_damage_is_one_line_with_its_path(path: str, value: Any, message: str) -> None:
+def test_damage_is_refused_in_one_line_with_its_path(path: str, value: Any, message: str) -> None:
     config = json.loads(recorded())
     *parents, name = path.split(".")
     inner = config
