@@ -14,7 +14,7 @@ from typing import Any
 
 import pytest
 from campaigns import campaign, refused
-from contents import contents, everything, execute
+from contents import contents, execute, stored_values
 from events import on_result
 
 from frenetic.campaign import Campaign, CampaignStore
@@ -108,7 +108,7 @@ def test_a_damaged_database_is_refused_in_one_line_and_not_written(
     tmp_path: Path, endurance: bool
 ) -> None:
     make_campaign(tmp_path, 12).run()
-    whole, before = (tmp_path / DATABASE).read_bytes(), (everything(tmp_path), contents(tmp_path))
+    whole, before = (tmp_path / DATABASE).read_bytes(), (stored_values(tmp_path), contents(tmp_path))
     rng, damaged_files = random.Random(5), 0
     for number in range(300 if endurance else 30):
         kind = number % 10
@@ -125,7 +125,7 @@ def test_a_damaged_database_is_refused_in_one_line_and_not_written(
             with refused():
                 make_campaign(tmp_path, 13).resume()
         elif not is_damaged:
-            assert (everything(tmp_path), contents(tmp_path)) == before
+            assert (stored_values(tmp_path), contents(tmp_path)) == before
         assert (tmp_path / DATABASE).read_bytes() == data
     assert damaged_files > 10
 

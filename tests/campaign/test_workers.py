@@ -26,7 +26,7 @@ from driving import (
     drive_all,
     drive_one,
     events,
-    write_mine,
+    write_user_driver,
 )
 from faulty import (
     STALLED,
@@ -451,7 +451,7 @@ def test_a_driver_that_cannot_be_unpickled_is_refused_in_one_line(tmp_path: Path
 
 
 def test_a_driver_from_a_users_file_drives_in_a_worker(tmp_path: Path) -> None:
-    was_there = write_mine(tmp_path, "mine")
+    was_there = write_user_driver(tmp_path, "mine")
     with own_modules():
         driver = DRIVERS.make(f"{tmp_path / 'mine.py'}:Mine")
         with local(DummySimulator(), driver, folder=tmp_path) as workers:

@@ -1,8 +1,8 @@
-"""Agreements of slow readers and references with what we make.
+"""Records of what slow references have agreed with, so that they are not run again.
 
-While something stays as it was when they agreed with it, byte for byte, they are not asked again.
-`pytest --all -m endurance` asks them about everything, and keeps the digests of what they agree
-with.
+A reference, such as another program or a slow reader, checks what Frenetic makes. While its inputs
+stay the same byte for byte, the check is skipped. `pytest --all -m endurance` runs every check and
+writes down the digests of the inputs that passed.
 """
 
 from __future__ import annotations
@@ -13,11 +13,11 @@ from hashlib import sha256
 from pathlib import Path
 
 FOLDER = Path(__file__).parents[1] / "agreements"
-"""Holds a file for each test file, with a digest and a name in each line."""
+"""Folder with one file per test file; each line is a digest and a name."""
 
 
 class Agreements:
-    """What was agreed upon in a test file."""
+    """Digests of the inputs that passed the checks of one test file."""
 
     def __init__(self, file: Path, *, anew: bool) -> None:
         self._file = file
@@ -25,19 +25,23 @@ class Agreements:
 
     @contextmanager
     def upon(self, name: str, *parts: str | bytes) -> Iterator[bool]:
-        """Around what asks for an agreement; gives whether there is one on just these parts."""
+        """Run a check inside `with`, and record it if it passes.
+
+        Yields:
+            Whether the check passed before on the same parts, so that it may be skipped.
+        """
         hashed = sha256()
         for part in parts:
             data = part.encode() if isinstance(part, str) else part
             hashed.update(b"%d:%b" % (len(data), data))
         digest = hashed.hexdigest()
-        yield not self._anew and self._kept().get(name) == digest
+        yield not self._anew and self._digests().get(name) == digest
         if self._anew:
-            kept = self._kept() | {name: digest}
-            lines = [f"{kept[one]} {one}\n" for one in sorted(kept)]
+            digests = self._digests() | {name: digest}
+            lines = [f"{digests[key]} {key}\n" for key in sorted(digests)]
             self._file.write_text("".join(lines), encoding="utf-8")
 
-    def _kept(self) -> dict[str, str]:
+    def _digests(self) -> dict[str, str]:
         if not self._file.exists():
             return {}
         lines = self._file.read_text(encoding="utf-8").splitlines()

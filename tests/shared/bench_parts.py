@@ -1,4 +1,4 @@
-"""Simulators and strategies that the processes of a bench's runs import, without the tests."""
+"""Simulators and strategies for tests of the bench, in a module that its processes can import."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ from frenetic.testing import DummySimulator
 
 
 class Reluctant(DummySimulator):
-    """Does not start while its mark is there."""
+    """A simulator that does not start while the file `mark` exists."""
 
     def __init__(self, mark: Path) -> None:
         super().__init__()
-        self.place = mark  # not by its name, so that its content is none of the simulator's
+        self.place = mark  # not `mark`, so that its content is not recorded with the simulator
 
     def __enter__(self):  # type: ignore[no-untyped-def]
         if self.place.exists():
@@ -28,11 +28,11 @@ class Reluctant(DummySimulator):
 
 
 class Frail(DummySimulator):
-    """Takes the process with it in the fifth drive, unless it is told not to."""
+    """A simulator that ends its process in the fifth drive, while the file `mark` exists."""
 
     def __init__(self, mark: Path) -> None:
         super().__init__()
-        self.place = mark  # not by its name, so that its content is none of the simulator's
+        self.place = mark  # not `mark`, so that its content is not recorded with the simulator
         self.drives = 0
 
     def drive(self, road: Road, driver: Driver) -> Drive:
@@ -43,11 +43,11 @@ class Frail(DummySimulator):
 
 
 class Eager(Frenetic2021):
-    """A strategy of one's own."""
+    """A strategy of a user, derived from a built-in one."""
 
 
 class Lazy(Frenetic2021):
-    """A strategy that takes its time."""
+    """A strategy that takes a second for each road."""
 
     def ask(self) -> Candidate:
         time.sleep(1.0)

@@ -1,6 +1,6 @@
-"""Chromium without a window, driven by Playwright, for the tests of pages.
+"""Chromium without a window, run by Playwright, for the tests of pages.
 
-``FRENETIC_CHROMIUM`` names one that is not found by itself.
+``FRENETIC_CHROMIUM`` is the path of a Chromium that is not on the PATH.
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ expect.set_options(timeout=30_000)  # ms; a busy machine draws slowly
 
 @pytest.fixture(scope="module")
 def browser() -> Iterator[Browser]:
+    """A started Chromium."""
     path = find_chromium()
     if path is None:
         pytest.fail("there is no Chromium here: install one, or name it in FRENETIC_CHROMIUM")
@@ -34,11 +35,11 @@ def browser() -> Iterator[Browser]:
         launched.close()
 
 
-VIEWPORT = {"width": 1280, "height": 900}
+VIEWPORT = {"width": 1280, "height": 900}  # pixels
 
 
 class _Shared:
-    """A page for all tests of a module that want nothing else: another one takes half a second."""
+    """One page for the tests of a module: a new page would take half a second."""
 
     def __init__(self, browser: Browser) -> None:
         self._browser = browser
@@ -47,7 +48,7 @@ class _Shared:
         self._used = False
 
     def opened(self, trouble: Trouble, viewport: Any, color_scheme: Any) -> Page:
-        """The page as if it were new, of which `trouble` is told from now on."""
+        """Return the page as if it were new; `trouble` collects its errors and requests."""
         if self._page is None or self._page.is_closed():
             self._page = self._browser.new_context().new_page()
             _watch(self._page, lambda: self._trouble)
@@ -57,7 +58,7 @@ class _Shared:
         return self._page
 
     def clear(self) -> None:
-        """Takes away what a test has left."""
+        """Remove what a test has left in the browser."""
         for context in self._browser.contexts:
             if self._page is None or context is not self._page.context:
                 context.close()
@@ -86,7 +87,7 @@ def _shared(browser: Browser) -> _Shared:
 
 @pytest.fixture
 def show(browser: Browser, _shared: _Shared) -> Iterator[Callable[..., Page]]:
-    """Opens a file and, at the end, asserts that nothing was complained about or loaded."""
+    """Opens a file; after the test, asserts no errors and no requests for other files."""
     trouble = Trouble()
     addresses: list[str] = []
 
@@ -99,8 +100,8 @@ def show(browser: Browser, _shared: _Shared) -> Iterator[Callable[..., Page]]:
         **context: Any,
     ) -> Page:
         if context or addresses:
-            given = {"viewport": viewport, "color_scheme": color_scheme, **context}
-            page = browser.new_context(**given).new_page()
+            options = {"viewport": viewport, "color_scheme": color_scheme, **context}
+            page = browser.new_context(**options).new_page()
             _watch(page, lambda: trouble)
         else:
             page = _shared.opened(trouble, viewport, color_scheme)

@@ -1,4 +1,4 @@
-"""Fixtures of several files: a finished campaign, and a folder for the marks of processes."""
+"""Shared fixtures: a finished campaign, a breaking database, a folder for marks of processes."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from small_disk import Breaking
 
 @pytest.fixture(scope="session")
 def finished(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The folder of a finished campaign of the usual parts; nobody changes it."""
+    """The folder of a finished campaign of simple parts; no test changes it."""
     folder = tmp_path_factory.mktemp("finished") / "c"
     campaign(folder).run()
     return folder
@@ -25,7 +25,7 @@ def finished(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture
 def breaking(monkeypatch: pytest.MonkeyPatch) -> type[Breaking]:
-    """The kind of all databases that are opened from now on."""
+    """The class of all databases that are opened from now on; a test sets when they break."""
     kind = type("Breaking", (Breaking,), {})
     monkeypatch.setattr(sqlite3, "connect", partial(sqlite3.connect, factory=kind))
     return kind
@@ -33,10 +33,10 @@ def breaking(monkeypatch: pytest.MonkeyPatch) -> type[Breaking]:
 
 @pytest.fixture
 def marks(tmp_path: Path) -> Iterator[Marks]:
-    """An empty folder for marks; the processes that left theirs there are ended."""
+    """An empty folder for marks; after the test, the processes that left marks are ended."""
     folder = tmp_path / "marks"
     folder.mkdir()
     marks = Marks(folder)
-    ours = os.getpid()
-    with ending(lambda: set(marks.pids()) - {ours}):
+    this_process = os.getpid()
+    with ending(lambda: set(marks.pids()) - {this_process}):
         yield marks

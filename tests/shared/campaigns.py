@@ -24,23 +24,24 @@ LOOP = [0.07] * 14
 
 
 def fails_when_bent(road: Road) -> float:
+    """Return the drift of a car, in m: it leaves its lane on bent roads."""
     return 4.0 if abs(road.curvatures).max() > 0.01 else 0.0
 
 
 def quick_search(**options: Any) -> Frenetic2021:
-    """A search that is soon in its mutants and crossovers."""
-    usual: dict[str, Any] = {
+    """Return a search that soon makes mutants and crossovers."""
+    defaults: dict[str, Any] = {
         "seed": 4,
         "random_budget": 0.1,
         "cross_freq": 10,
         "cross_num": 6,
         "max_redraws": 10,
     }
-    return Frenetic2021(**(usual | options))
+    return Frenetic2021(**(defaults | options))
 
 
 def campaign(folder: Path, simulations: int = 60, **options: Any) -> Campaign:
-    """A campaign of simple parts, but for those that are given."""
+    """Return a campaign of simple parts; options replace them."""
     parts: dict[str, Any] = {
         "strategy": quick_search(),
         "simulator": DummySimulator(bend),
@@ -52,16 +53,16 @@ def campaign(folder: Path, simulations: int = 60, **options: Any) -> Campaign:
 
 @contextmanager
 def refused(
-    why: str | None = None, kind: type[Exception] = CampaignError
+    pattern: str | None = None, kind: type[Exception] = CampaignError
 ) -> Iterator[pytest.ExceptionInfo[Exception]]:
-    """What is done within is refused in one line."""
-    with pytest.raises(kind, match=why) as caught:
+    """Assert that the code inside `with` raises an error of one line that matches the pattern."""
+    with pytest.raises(kind, match=pattern) as caught:
         yield caught
     assert "\n" not in str(caught.value)
 
 
 class Scripted(Strategy):
-    """Asks for the given roads, over and over; of the usual ones the third fails."""
+    """A strategy that proposes the same roads again and again; the third default road fails."""
 
     def __init__(self, *roads: list[float]) -> None:
         self.roads = roads or (STRAIGHT, LOOP, BENT)
@@ -79,6 +80,6 @@ class Scripted(Strategy):
 
 
 def scripted(folder: Path, budget: Budget | None, **options: Any) -> Campaign:
-    """A campaign with a `Scripted` strategy whose bent roads fail."""
+    """Return a campaign with a `Scripted` strategy, in which bent roads fail."""
     parts: dict[str, Any] = {"strategy": Scripted(), "simulator": DummySimulator(fails_when_bent)}
     return campaign(folder, budget=budget, **(parts | options))

@@ -1,4 +1,4 @@
-"""Running command lines, and campaigns to run them on."""
+"""Fixtures that run command lines, and campaigns for them."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from frenetic.cli import main
 
 @dataclass(frozen=True)
 class Answer:
-    """What a command line came to."""
+    """Exit code and output of a command line."""
 
     code: int
     out: str
@@ -34,7 +34,7 @@ class Answer:
         return json.loads(self.out)
 
     def refuses(self, *words: str) -> bool:
-        """A mistake: exit code 2, nothing on stdout, one line on stderr with these words."""
+        """Return whether the command refused: exit code 2, one line on stderr with these words."""
         lines = [line for line in self.err.splitlines() if line.startswith("frenetic: ")]
         return (
             (self.code, self.out, len(lines)) == (2, "", 1)
@@ -49,7 +49,7 @@ DRAWINGS = (
     "frenetic.report.picture.draw_drive",
     "frenetic.report.picture.draw_gallery",
 )
-"""What draws pictures into files."""
+"""Functions that draw pictures into files."""
 
 
 STOPPING = """
@@ -76,11 +76,11 @@ class Stopping(Planner):
 
 @contextmanager
 def empty_pictures(*drawn: str) -> Iterator[None]:
-    """Lets pictures but those of these names be empty files: drawing takes most of the time."""
+    """Draw only the pictures of these names, and leave the others empty: this saves time."""
 
-    def leave_empty(draw: Callable[..., None], *arguments: Any, **named: Any) -> None:
-        path = next(one for one in arguments if isinstance(one, Path))
-        draw(*arguments, **named) if path.name in drawn else path.touch()
+    def leave_empty(draw: Callable[..., None], *arguments: Any, **options: Any) -> None:
+        path = next(value for value in arguments if isinstance(value, Path))
+        draw(*arguments, **options) if path.name in drawn else path.touch()
 
     with pytest.MonkeyPatch.context() as patch:
         for name in DRAWINGS:
@@ -90,7 +90,7 @@ def empty_pictures(*drawn: str) -> Iterator[None]:
 
 @contextmanager
 def unchanged_logging() -> Iterator[None]:
-    """Takes back what `frenetic --debug` changes in Python's logging."""
+    """Undo what `frenetic --debug` changes in Python's logging."""
     root, library = logging.getLogger(), logging.getLogger("frenetic")
     handlers, levels = root.handlers[:], (root.level, library.level)
     try:
@@ -103,7 +103,7 @@ def unchanged_logging() -> Iterator[None]:
 
 @pytest.fixture
 def drawn() -> None:
-    """Asked for by a test that looks at pictures, which are empty files otherwise."""
+    """Lets `frenetic` draw pictures; without this fixture they are empty files."""
 
 
 @pytest.fixture
@@ -130,7 +130,7 @@ def frenetic(
 
 @pytest.fixture
 def stopping_driver(tmp_path: Path) -> Callable[[int], str]:
-    """Name of a driver that presses Ctrl-C in the given drive of a command; in none for 0."""
+    """Makes a driver that presses Ctrl-C in the drive with a number; 0 means in no drive."""
     file = tmp_path / "stop"
     code = STOPPING.format(file=str(file), pid=os.getpid())
 
@@ -144,7 +144,7 @@ def stopping_driver(tmp_path: Path) -> Callable[[int], str]:
 
 @pytest.fixture(scope="session")
 def prepare() -> Callable[..., None]:
-    """Runs a command line that has to succeed, for what several tests share."""
+    """Runs a command line that has to succeed, for fixtures that several tests share."""
 
     def call(*arguments: str) -> None:
         quiet = redirect_stdout(StringIO())
@@ -157,7 +157,7 @@ def prepare() -> Callable[..., None]:
 
 @pytest.fixture(scope="session")
 def searched(tmp_path_factory: pytest.TempPathFactory, prepare: Callable[..., None]) -> Path:
-    """A campaign with a few failures; not to be written to."""
+    """A campaign with a few failures; no test changes it."""
     folder = tmp_path_factory.mktemp("searched") / "c"
     search = ("run", "--simulations", "60", "--seed", "3", "--workers", "1", "--with", "delay=0.05")
     prepare(*search, "--out", str(folder))
@@ -166,6 +166,6 @@ def searched(tmp_path_factory: pytest.TempPathFactory, prepare: Callable[..., No
 
 @pytest.fixture
 def copied(searched: Path, tmp_path: Path) -> str:
-    """A copy of it in the folder of the command line."""
+    """A copy of the campaign `searched` in the folder of the command line."""
     shutil.copytree(searched, tmp_path / "c", ignore=shutil.ignore_patterns("failures"))
     return "c"

@@ -1,4 +1,4 @@
-"""What a campaign's database holds, for comparisons."""
+"""Contents of a campaign's database, for comparisons."""
 
 from __future__ import annotations
 
@@ -13,17 +13,17 @@ import numpy as np
 
 from frenetic.campaign import CampaignStore
 
-OF_THE_RUN = ("seconds", "finished_at", "elapsed", "worker")
+RUN_COLUMNS = ("seconds", "finished_at", "elapsed", "worker")
 """Columns of a test that say when and by whom it was driven."""
 
 
 def contents(folder: Path, *, without: tuple[str, ...] = ()) -> dict[str, list[tuple[object, ...]]]:
-    """Every candidate, result and finding, but for times and workers, and columns `without`."""
+    """Return all tests and findings, without times, workers and the columns `without`."""
     with closing(sqlite3.connect(folder / "campaign.sqlite")) as connection:
         columns = ", ".join(
             row[1]
             for row in connection.execute("PRAGMA table_info(test)")
-            if row[1] not in (*OF_THE_RUN, *without)
+            if row[1] not in (*RUN_COLUMNS, *without)
         )
         queries = {
             "test": f"SELECT {columns} FROM test ORDER BY id",
@@ -33,15 +33,15 @@ def contents(folder: Path, *, without: tuple[str, ...] = ()) -> dict[str, list[t
 
 
 def execute(folder: Path, statement: str, *values: object) -> int:
-    """Changes a campaign's database behind the store's back; returns how many rows."""
+    """Change a campaign's database without its store; return the number of changed rows."""
     with closing(sqlite3.connect(folder / "campaign.sqlite")) as connection:
         changed = connection.execute(statement, values).rowcount
         connection.commit()
     return changed
 
 
-def everything(folder: Path) -> list[object]:
-    """All that can be read of a campaign, see `plain`."""
+def stored_values(folder: Path) -> list[object]:
+    """Return all that the store reads of a campaign, as `plain` values."""
     with CampaignStore.open(folder) as store:
         return [
             plain(value)
@@ -58,9 +58,10 @@ def everything(folder: Path) -> list[object]:
 
 
 def plain(value: Any) -> Any:
-    """A value in Python's own types, for comparisons; arrays are bytes, text has whole characters.
+    """Return a value in Python's own types, for comparisons.
 
-    The places of a record's values are kept by name, so that a new one is compared, too.
+    An array becomes shape and bytes, a record a dictionary of all its fields. Lone
+    surrogates in a text are escaped.
     """
     if isinstance(value, np.ndarray):
         return value.shape, value.tobytes()
@@ -69,9 +70,9 @@ def plain(value: Any) -> Any:
     if isinstance(value, str):
         return value.encode("utf-8", "backslashreplace").decode()
     if isinstance(value, Mapping):
-        return {name: plain(one) for name, one in value.items()}
+        return {name: plain(item) for name, item in value.items()}
     if isinstance(value, list | tuple):
-        return [plain(one) for one in value]
+        return [plain(item) for item in value]
     if is_dataclass(value):
-        return {item.name: plain(getattr(value, item.name)) for item in fields(value)}
+        return {field.name: plain(getattr(value, field.name)) for field in fields(value)}
     return value

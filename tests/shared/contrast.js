@@ -1,5 +1,5 @@
-// The contrast of every text in the page with what is behind it, by WCAG 2: a function of the least
-// that is wanted, which returns the texts below it as "ratio text | colours | classes".
+// Function of the least contrast: counts the texts of the page, and returns those whose contrast with
+// their background is lower, by WCAG 2, as "ratio text | colours | classes".
 (least) => {
   const canvas = document.createElement("canvas").getContext("2d", { willReadFrequently: true });
   canvas.canvas.width = canvas.canvas.height = 1;
@@ -20,34 +20,34 @@
     const [r, g, b] = rgb.map((c) => c / 255).map((c) => (c <= 0.04045 ? c / 12.92 : ((c + 0.055) / 1.055) ** 2.4));
     return 0.2126 * r + 0.7152 * g + 0.0722 * b;
   };
-  const ratio = (one, other) => {
-    const [light, dark] = [luminance(one), luminance(other)].sort((a, b) => b - a);
+  const ratio = (first, second) => {
+    const [light, dark] = [luminance(first), luminance(second)].sort((a, b) => b - a);
     return (light + 0.05) / (dark + 0.05);
   };
-  // What is painted behind an element: the backgrounds of all it stands in, from the page up.
+  // The colour behind an element: the backgrounds of its ancestors, from the page inwards.
   const behind = (element) => {
     const chain = [];
-    for (let one = element; one; one = one.parentElement) chain.unshift(one);
-    // What lies in the top layer covers the page.
-    return chain.reduce((under, one) => over(rgba(getComputedStyle(one).backgroundColor), under), rgba("Canvas").slice(0, 3));
+    for (let node = element; node; node = node.parentElement) chain.unshift(node);
+    // A dialog in the top layer covers the page with its own background.
+    return chain.reduce((under, node) => over(rgba(getComputedStyle(node).backgroundColor), under), rgba("Canvas").slice(0, 3));
   };
-  // A text that an element fades is mixed with what is behind that element.
+  // The text of a half-transparent element is mixed with the colour behind the element.
   const faded = (element, text) => {
     let colour = text;
-    for (let one = element; one; one = one.parentElement) {
-      const opacity = Number(getComputedStyle(one).opacity);
-      if (opacity < 1) colour = over([...colour, opacity], one.parentElement ? behind(one.parentElement) : colour);
+    for (let node = element; node; node = node.parentElement) {
+      const opacity = Number(getComputedStyle(node).opacity);
+      if (opacity < 1) colour = over([...colour, opacity], node.parentElement ? behind(node.parentElement) : colour);
     }
     return colour;
   };
-  const found = new Map();
+  const low = new Map();
   const check = (element, text, colour) => {
     const under = behind(element);
     const shown = faded(element, over(rgba(colour), under));
     const contrast = ratio(shown, under);
     if (contrast < least) {
       const key = `${contrast.toFixed(2)} ${text.trim().slice(0, 30)} | ${shown.map(Math.round)} on ${under.map(Math.round)} | ${element.tagName}.${element.getAttribute("class") ?? ""}`;
-      found.set(`${element.tagName}.${element.getAttribute("class")}`, key);
+      low.set(`${element.tagName}.${element.getAttribute("class")}`, key);
     }
   };
   let texts = 0;
@@ -64,5 +64,5 @@
   for (const field of document.querySelectorAll("input[placeholder]")) {
     if (field.getClientRects().length) check(field, field.placeholder, getComputedStyle(field, "::placeholder").color);
   }
-  return { texts, low: [...found.values()] };
+  return { texts, low: [...low.values()] };
 }

@@ -1,4 +1,4 @@
-"""Workers of all kinds at work, and what is asked of all of them."""
+"""Helpers that let workers drive, and the contracts that all workers keep."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ from frenetic.campaign.workers import Workers
 from frenetic.campaign.workers.workers import NAME as THIS_PROCESS
 from frenetic.testing import DummyDriver, DummySimulator
 
-MINE = """
+USER_DRIVER = """
 from {helper} import STEERING
 from frenetic.testing import DummyDriver
 
@@ -49,26 +49,26 @@ class Mine(DummyDriver):
         assert self.controls.steering == STEERING == 0.125
         open({was_there!r}, "w").close()
 """
-"""A driver of a user's file, with another file beside it."""
+"""Code of a user's driver, which imports another file of the same folder."""
 
 
-def write_mine(folder: Path, name: str) -> Path:
-    """Writes `MINE` and its neighbour; returns the file that a drive makes."""
+def write_user_driver(folder: Path, name: str) -> Path:
+    """Write `USER_DRIVER` and the file that it imports; return the file that a drive makes."""
     was_there = folder / "was-there"
     (folder / f"{name}_helper.py").write_text("STEERING = 0.125")
-    text = MINE.format(helper=f"{name}_helper", was_there=str(was_there))
+    text = USER_DRIVER.format(helper=f"{name}_helper", was_there=str(was_there))
     (folder / f"{name}.py").write_text(text)
     return was_there
 
 
 def events(folder: Path, kind: str = "") -> list[dict[str, Any]]:
-    """Lines of a campaign's log, those of a kind if it is given."""
+    """Return the lines of a campaign's log, all or one kind of event."""
     lines = [json.loads(line) for line in (folder / LOG).read_text().splitlines()]
     return [line for line in lines if kind in ("", line["event"])]
 
 
 def await_free(workers: Workers, count: int = 1) -> None:
-    """Waits until so many candidates can be submitted, while nothing comes back."""
+    """Wait until so many candidates can be submitted; assert that no attempt comes back."""
     deadline = time.monotonic() + LIMIT
     while workers.free < count:
         assert time.monotonic() < deadline
@@ -76,7 +76,7 @@ def await_free(workers: Workers, count: int = 1) -> None:
 
 
 def await_attempts(workers: Workers, count: int = 1) -> list[Attempt]:
-    """Waits for so many attempts."""
+    """Wait for so many attempts and return them."""
     attempts: list[Attempt] = []
     deadline = time.monotonic() + LIMIT
     while len(attempts) < count:
@@ -87,7 +87,7 @@ def await_attempts(workers: Workers, count: int = 1) -> list[Attempt]:
 
 
 def drive_one(workers: Workers, number: int = 1, samples: int = 8) -> Attempt:
-    """Tests a straight road."""
+    """Test one straight road and return its attempt."""
     await_free(workers)
     workers.submit(straight(number, samples))
     (attempt,) = await_attempts(workers)
@@ -95,7 +95,7 @@ def drive_one(workers: Workers, number: int = 1, samples: int = 8) -> Attempt:
 
 
 def drive_all(workers: Workers, samples: list[int]) -> dict[int, Attempt]:
-    """Tests straight roads of so many samples, each once; their attempts by candidate."""
+    """Test straight roads of so many samples, each once; return the attempts by candidate."""
     waiting = roads(samples)
     done: dict[int, Attempt] = {}
     deadline = time.monotonic() + LIMIT
@@ -110,27 +110,30 @@ def drive_all(workers: Workers, samples: list[int]) -> dict[int, Attempt]:
 
 
 WorkersOf: TypeAlias = Callable[..., AbstractContextManager[Workers]]
-"""Makes workers of a simulator and a driver, whose log is in the test's folder."""
+"""Function that makes workers for a simulator and a driver; they log into the test's folder."""
 
 
 class WorkersContract:
-    """What is asked of all workers; the fixture ``workers_of`` makes them."""
+    """Tests that all workers pass; a subclass's fixture ``workers_of`` makes the workers."""
 
     COUNT = 1
+    """Workers."""
 
-    def test_each_road_comes_back_as_if_tested_here(self, workers_of: WorkersOf) -> None:
+    def test_workers_give_the_results_that_this_process_gives(self, workers_of: WorkersOf) -> None:
         samples = [8, 2, 12, 40, 9, 8, 10, 11]  # some are refused
         tester = RoadTester(DummySimulator(), DummyDriver())
         with workers_of(DummySimulator()) as workers:
             attempts = drive_all(workers, samples)
         for candidate in roads(samples):
-            here, there = tester.test(candidate).pack(), attempts[candidate.id]
-            assert there.failure is None
-            assert (there.result, there.pose, there.packed) == (here.result, here.pose, here.packed)
+            expected, attempt = tester.test(candidate).pack(), attempts[candidate.id]
+            assert attempt.failure is None
+            assert (attempt.result, attempt.pose, attempt.packed) == (
+                expected.result,
+                expected.pose,
+                expected.packed,
+            )
 
-    def test_a_simulator_that_broke_is_started_again(
-        self, workers_of: WorkersOf, marks: Marks
-    ) -> None:
+    def test_a_broken_simulator_is_restarted(self, workers_of: WorkersOf, marks: Marks) -> None:
         simulator = FaultySimulator(marks.folder, drive=Fault(raise_error, marks.folder, times=1))
         with workers_of(simulator) as workers:
             await_free(workers, self.COUNT)
@@ -143,7 +146,7 @@ class WorkersContract:
             assert drive_all(workers, [8] * 8)[8].failure is None
         assert len(marks.numbers("start")) == len(marks.numbers("end")) == self.COUNT + 1
 
-    def test_a_simulator_that_does_not_start_is_one_line(
+    def test_a_simulator_that_does_not_start_is_a_one_line_error(
         self, workers_of: WorkersOf, marks: Marks
     ) -> None:
         simulator = FaultySimulator(marks.folder, start=Fault(refuse_connection, marks.folder))
@@ -155,16 +158,18 @@ class WorkersContract:
         assert len(marks.numbers("start")) == self.COUNT  # further ones would be refused, too
         assert not marks.numbers("end")
 
-    def test_a_simulator_that_does_not_end_well_spoils_nothing(
+    def test_an_error_at_a_simulators_end_does_not_stop_the_drives(
         self, workers_of: WorkersOf, marks: Marks
     ) -> None:
-        breaks = Fault(raise_error, marks.folder)
-        once = replace(breaks, times=1)
-        with workers_of(FaultySimulator(marks.folder, drive=once, end=breaks)) as workers:
+        breaks_always = Fault(raise_error, marks.folder)
+        breaks_once = replace(breaks_always, times=1)
+        with workers_of(
+            FaultySimulator(marks.folder, drive=breaks_once, end=breaks_always)
+        ) as workers:
             assert drive_one(workers).failure is not None
             assert drive_all(workers, [8, 9])[2].failure is None
 
-    def test_what_a_driver_logs_reaches_the_log(
+    def test_messages_of_a_driver_reach_the_log_of_the_campaign(
         self, workers_of: WorkersOf, marks: Marks, tmp_path: Path
     ) -> None:
         driver = FaultyDriver(Fault(write_log, marks.folder, times=1))
@@ -177,15 +182,15 @@ class WorkersContract:
 
 
 class ProcessesContract(WorkersContract):
-    """What is asked of two workers that are processes."""
+    """Tests that two workers in processes pass."""
 
     COUNT = 2
 
-    def test_a_worker_that_is_lost_costs_an_attempt_and_comes_back(
+    def test_a_lost_worker_costs_one_attempt_and_is_replaced(
         self, workers_of: WorkersOf, marks: Marks, tmp_path: Path
     ) -> None:
-        deeds = [Fault(kill, marks.folder, 9, times=1), Fault(sys_exit, marks.folder, 10, times=1)]
-        with workers_of(FaultySimulator(marks.folder, drive=deeds)) as workers:
+        faults = [Fault(kill, marks.folder, 9, times=1), Fault(sys_exit, marks.folder, 10, times=1)]
+        with workers_of(FaultySimulator(marks.folder, drive=faults)) as workers:
             for number, samples in enumerate([9, 10], start=1):
                 await_free(workers, 2)
                 attempt = drive_one(workers, number, samples)
@@ -195,16 +200,22 @@ class ProcessesContract(WorkersContract):
                 lost = events(tmp_path, "worker_lost")[-1]
                 assert (lost["test"], lost["message"]) == (number, attempt.failure)
             await_free(workers, 2)
-            assert all(one.failure is None for one in drive_all(workers, [8, 9, 10]).values())
+            assert all(
+                attempt.failure is None for attempt in drive_all(workers, [8, 9, 10]).values()
+            )
         assert len(events(tmp_path, "worker_lost")) == 2
 
-    def test_a_driver_that_cannot_be_copied_is_one_line(self, workers_of: WorkersOf) -> None:
+    def test_a_driver_that_cannot_be_copied_is_a_one_line_error(
+        self, workers_of: WorkersOf
+    ) -> None:
         driver = DummyDriver()
         driver.lock = threading.Lock()  # type: ignore[attr-defined]
         with refused("cannot be (copied|sent) to"), workers_of(DummySimulator(), driver):
             pass
 
-    def test_after_an_error_nobody_is_waited_for(self, workers_of: WorkersOf, marks: Marks) -> None:
+    def test_after_an_error_workers_end_without_waiting_for_drives(
+        self, workers_of: WorkersOf, marks: Marks
+    ) -> None:
         simulator = FaultySimulator(marks.folder, drive=Fault(await_go, marks.folder, times=2))
         with pytest.raises(KeyboardInterrupt), workers_of(simulator) as workers:  # noqa: PT012
             await_free(workers, 2)

@@ -1,4 +1,4 @@
-"""Python environments of their own, for tools whose packages do not go with ours."""
+"""Separate Python environments, for tools that need other versions of our packages."""
 
 from __future__ import annotations
 
@@ -20,19 +20,19 @@ ASAM_CHECKS = Path(__file__).with_name("asam_checks.py")
 
 
 def python_with(package: str, request: pytest.FixtureRequest) -> str:
-    """The path of a Python that has a package, in an environment that is kept between runs.
+    """Return the path of a Python with a package, in an environment that later runs reuse.
 
     Raises:
-        OSError: it cannot be installed.
+        OSError: the package cannot be installed.
     """
     return installed(package, request.config.cache.mkdir(_name(package)))
 
 
 def installed(package: str, folder: Path) -> str:
-    """The path of the Python of an environment that has a package; it is made where it is missing.
+    """Return the path of the Python in an environment with a package; make what is missing.
 
     Raises:
-        OSError: it cannot be installed.
+        OSError: the package cannot be installed.
     """
     python = folder / ("Scripts/python.exe" if os.name == "nt" else "bin/python")
     complete = folder / "complete"
@@ -52,7 +52,7 @@ def _name(package: str) -> str:
 
 
 def answers(python: str, script: Path, *arguments: str | Path) -> dict[str, Any]:
-    """What a script prints as JSON when another Python runs it."""
+    """Run a script with another Python and return the JSON that it prints."""
     command = [python, str(script), *map(str, arguments)]
     done = subprocess.run(command, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr

@@ -1,4 +1,4 @@
-"""Callables for `Campaign.run`'s ``on_event`` that look at one kind of event."""
+"""Functions for ``on_event`` of `Campaign.run` that handle one kind of event."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from frenetic.campaign import Event, Summary, Test
 
 
 def on_result(call: Callable[[Summary], object]) -> Callable[[Event], None]:
-    """Calls with the summary after every result."""
+    """Return an ``on_event`` that calls with the summary after every result."""
 
     def on_event(event: Event) -> None:
         if event.kind == "result":
@@ -18,7 +18,7 @@ def on_result(call: Callable[[Summary], object]) -> Callable[[Event], None]:
 
 
 def on_test(call: Callable[[Test], object]) -> Callable[[Event], None]:
-    """Calls with the test of every result."""
+    """Return an ``on_event`` that calls with the test of every result."""
 
     def on_event(event: Event) -> None:
         if event.test is not None:

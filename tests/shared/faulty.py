@@ -1,4 +1,4 @@
-"""Parts of campaigns with faults; in a module of their own, so that workers can import them."""
+"""Simulators, drivers and strategies with faults, in a module that workers can import."""
 
 from __future__ import annotations
 
@@ -31,17 +31,17 @@ from frenetic.testing import DummyDriver, DummySimulator
 from frenetic.testing.dummies import no_drift
 
 LIMIT = 120.0
-"""s after which a part that waits goes on, so that no process is left for ever."""
+"""Seconds after which a waiting part goes on, so that no process stays forever."""
 
 
 @dataclass(frozen=True)
 class Marks:
-    """Empty files in a folder, by which the processes of a test know of each other."""
+    """Empty files in a folder, by which the processes of a test signal each other."""
 
     folder: Path
 
     def make(self, name: str) -> bool:
-        """Makes a mark; returns whether it was not there."""
+        """Make a mark; return whether it is new."""
         try:
             (self.folder / name).touch(exist_ok=False)
         except FileExistsError:
@@ -49,23 +49,26 @@ class Marks:
         return True
 
     def are_there(self, *names: str) -> bool:
+        """Return whether all these marks are there."""
         return all((self.folder / name).exists() for name in names)
 
     def numbers(self, name: str) -> list[int]:
-        """Of the marks called name-number, in order."""
+        """Return the numbers of the marks called name-number, in order."""
         return sorted(int(path.name.rpartition("-")[2]) for path in self.folder.glob(f"{name}-*"))
 
     def pids(self) -> list[int]:
-        """Of all processes that left theirs."""
+        """Return the ids of all processes that left a mark ``pid-P``."""
         return self.numbers("pid")
 
     def wait_for(self, name: str) -> None:
+        """Wait until a mark is there, at most `LIMIT` seconds."""
         deadline = time.monotonic() + LIMIT
         while not self.are_there(name) and time.monotonic() < deadline:
             time.sleep(0.002)
 
 
 Deed = Callable[[Marks], None]
+"""What a fault does. Its function's name is the name of its marks."""
 
 
 def kill(marks: Marks) -> None:
@@ -97,7 +100,7 @@ STALLED = (
     f" (faulty.py:{raise_error.__code__.co_firstlineno + 1}:"
     ' raise RuntimeError("the engine stalled"))'
 )
-"""Reason of the test in which it strikes."""
+"""Reason of the test in which `raise_error` strikes."""
 
 
 def hang(marks: Marks) -> None:
@@ -105,7 +108,7 @@ def hang(marks: Marks) -> None:
 
 
 def hang_in_c(marks: Marks) -> None:
-    """In compiled code, where no other thread of the process gets a turn."""
+    """Hang in compiled code, where no other thread of the process gets a turn."""
     ctypes.PyDLL(None).sleep(int(LIMIT))
 
 
@@ -124,18 +127,18 @@ def print_megabytes(marks: Marks) -> None:
 
 
 def start_thread(marks: Marks) -> None:
-    """One that its process waits for at its end."""
+    """Start a thread for which the process waits at its end."""
     threading.Thread(target=time.sleep, args=(LIMIT,)).start()
 
 
 def start_process(marks: Marks) -> None:
     child = subprocess.Popen([sys.executable, "-c", f"import time; time.sleep({10 * LIMIT})"])
     marks.make(f"pid-{child.pid}")
-    child.returncode = 0  # nobody is to wait for it, nor to be warned about it
+    child.returncode = 0  # so that Python neither waits for the child nor warns about it
 
 
 def fork_and_kill(marks: Marks) -> None:
-    """Its child holds on to whatever connections it had."""
+    """Fork a child that keeps the connections open, then kill this process."""
     child = os.fork()
     if child == 0:
         time.sleep(LIMIT)
@@ -145,14 +148,14 @@ def fork_and_kill(marks: Marks) -> None:
 
 
 def fork(marks: Marks) -> None:
-    """Both go on."""
+    """Fork; parent and child both go on."""
     child = os.fork()
     if child:
         marks.make(f"pid-{child}")
 
 
 def fork_and_leave(marks: Marks) -> None:
-    """The child ends as Python programs do."""
+    """Fork a child that ends as Python programs do."""
     child = os.fork()
     if child == 0:
         sys.exit(0)
@@ -160,10 +163,10 @@ def fork_and_leave(marks: Marks) -> None:
 
 
 def answer_twice(marks: Marks) -> None:
-    """From now on its process says everything twice."""
-    for one in gc.get_objects():
-        if isinstance(one, Connection):
-            one.send_bytes = _twice(one.send_bytes)  # type: ignore[method-assign]
+    """Let the process send each message twice from now on."""
+    for connection in gc.get_objects():
+        if isinstance(connection, Connection):
+            connection.send_bytes = _twice(connection.send_bytes)  # type: ignore[method-assign]
 
 
 def _twice(send: Callable[..., None]) -> Callable[..., None]:
@@ -180,7 +183,7 @@ def segfault(marks: Marks) -> None:
 
 
 class OddError(BaseException):
-    """No `Exception`."""
+    """An error that is no `Exception`."""
 
 
 def raise_odd_error(marks: Marks) -> None:
@@ -207,8 +210,8 @@ def replace_streams(marks: Marks) -> None:
 def limit_resources(marks: Marks) -> None:
     import resource  # POSIX
 
-    for what in (resource.RLIMIT_FSIZE, resource.RLIMIT_NPROC, resource.RLIMIT_CORE):
-        resource.setrlimit(what, (0, 0))
+    for limit in (resource.RLIMIT_FSIZE, resource.RLIMIT_NPROC, resource.RLIMIT_CORE):
+        resource.setrlimit(limit, (0, 0))
 
 
 def limit_memory(marks: Marks) -> None:
@@ -227,7 +230,7 @@ def close_streams(marks: Marks) -> None:
 
 
 def write_nonsense(marks: Marks) -> None:
-    """To every socket that the process has."""
+    """Write bytes that are no message to every socket of the process."""
     for descriptor in range(3, 64):
         try:
             if stat.S_ISSOCK(os.fstat(descriptor).st_mode):
@@ -242,16 +245,18 @@ def write_log(marks: Marks) -> None:
 
 @dataclass(frozen=True)
 class Fault:
-    """What happens, on which roads and how often."""
+    """A deed, the roads on which it happens, and how often it happens."""
 
     deed: Deed
     folder: Path
+    """Folder of the marks."""
     samples: int | None = None
-    """Only on roads of so many samples."""
+    """Samples of the roads on which the fault strikes; None for all roads."""
     times: int | None = None
-    """So often, in all processes together."""
+    """Number of strikes in all processes together; None for every time."""
 
     def strike(self, samples: int | None = None) -> None:
+        """Do the deed if a road has the right number of samples and strikes are left."""
         if self.samples not in (None, samples):
             return
         marks = Marks(self.folder)
@@ -261,14 +266,14 @@ class Fault:
 
 
 def bend(road: Road) -> float:
-    """m: the more bent a road, the worse, so that there is something to learn."""
+    """Return a drift in m that grows with the road's curvature, so that a search can learn it."""
     return 80.0 * float(abs(road.curvatures).mean())
 
 
 class FaultySimulator(DummySimulator):
-    """Leaves marks; faults strike when it starts, in its drives and when it ends.
+    """A simulator that leaves marks, and has faults at its start, in its drives and at its end.
 
-    Marks: ``pid-P`` of its process, ``start-N`` and ``end-N`` for its Nth start and end in all
+    Marks: ``pid-P`` for its process, ``start-N`` and ``end-N`` for the Nth start and end in all
     processes together.
     """
 
@@ -311,14 +316,14 @@ class FaultySimulator(DummySimulator):
 
 
 class NoDrive(DummySimulator):
-    """Returns nothing."""
+    """A simulator whose drives return None."""
 
     def drive(self, road: Road, driver: Driver) -> Drive:
         return None  # type: ignore[return-value]
 
 
 class FarAway(DummySimulator):
-    """Records finite places that no file can hold."""
+    """A simulator that records a finite value that no file can hold."""
 
     def drive(self, road: Road, driver: Driver) -> Drive:
         drive = super().drive(road, driver)
@@ -328,7 +333,7 @@ class FarAway(DummySimulator):
 
 
 class Uneven(DummySimulator):
-    """Takes longer on some roads than on others, so that results come in another order."""
+    """A simulator that takes longer on some roads, so that results come in another order."""
 
     def __init__(self, seconds: float = 0.01) -> None:
         super().__init__(bend)
@@ -341,7 +346,7 @@ class Uneven(DummySimulator):
 
 
 class FaultyDriver(DummyDriver):
-    """A fault strikes at the beginning of its drives."""
+    """A driver with a fault that strikes at the beginning of its drives."""
 
     def __init__(self, fault: Fault) -> None:
         super().__init__()
@@ -352,15 +357,16 @@ class FaultyDriver(DummyDriver):
 
 
 class Waiting(FaultySimulator):
-    """For command lines: stays in its drives, or in its start, until the mark ``go`` is there.
+    """A simulator that waits in its drives, or at its start, until the mark ``go`` is there.
 
-    Marks: ``driving-P`` or ``starting-P`` by a process that waits.
+    A waiting process makes the mark ``driving-P`` or ``starting-P``. The options are text and
+    numbers, for command lines.
 
     Args:
-        folder: for the marks.
-        at: where it waits, "driving" or "starting".
-        after: drives of all processes together in which it does not.
-        deed: what it does before that, a function of this module.
+        folder: folder of the marks.
+        at: where the simulator waits, "driving" or "starting".
+        after: number of drives, of all processes together, that do not wait.
+        deed: name of a function of this module that is called before waiting.
     """
 
     def __init__(
@@ -378,9 +384,9 @@ class Waiting(FaultySimulator):
         self.after = after
         self.deed = deed
 
-    def _wait(self, what: str) -> None:
-        if self.at == what:
-            self.marks.make(f"{what}-{os.getpid()}")
+    def _wait(self, stage: str) -> None:
+        if self.at == stage:
+            self.marks.make(f"{stage}-{os.getpid()}")
             if self.deed:
                 globals()[self.deed](self.marks)
             self.marks.wait_for("go")
@@ -397,7 +403,7 @@ class Waiting(FaultySimulator):
 
 
 class Straight(Strategy):
-    """A strategy that asks for straight roads of the given numbers of samples, over and over."""
+    """A strategy that proposes straight roads of these numbers of samples, over and over."""
 
     def __init__(self, *samples: int) -> None:
         self.samples = samples
@@ -413,7 +419,7 @@ class Straight(Strategy):
 
 
 class Forking(Straight):
-    """Forks before each answer; both go on."""
+    """A strategy that forks before each road; parent and child both go on."""
 
     def __init__(self, folder: Path, *samples: int) -> None:
         super().__init__(*samples)

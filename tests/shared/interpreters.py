@@ -1,8 +1,8 @@
-"""Commands and code that run in processes of their own, yet at once.
+"""Run commands and code in separate processes that start at once.
 
-A process imports Frenetic and loads its kernels once. Whatever is to run gets a fork of it, so that
-nothing leaks from one to the next. It ends as an interpreter of its own does, but without freeing
-what it has loaded, which takes longer than most jobs.
+One process imports Frenetic and loads its kernels. Each job runs in a fork of this process, so that
+no job changes the next. The fork ends as an interpreter does, but does not free what it has loaded:
+that would take longer than most jobs.
 """
 
 from __future__ import annotations
@@ -33,8 +33,8 @@ import pytest
 
 import frenetic
 
-# What takes long to import and Frenetic imports where it needs it.
-LOADED = (
+# Modules that take long to import, and that Frenetic imports only where it needs them.
+PRELOADED = (
     "command_line",
     "matplotlib.backends.backend_agg",
     "matplotlib.figure",
@@ -43,41 +43,41 @@ LOADED = (
     "scipy.interpolate",
     "scipy.stats",
 )
-# Of ours: what few commands need and makes forking slow.
+# Modules of Frenetic that few commands need and that make forking slow.
 LEFT_OUT = {"__main__", "beamng", "dask", "metadrive", "metrics", "standins", "tables"}
 
 
 @dataclass(frozen=True)
 class Ended:
-    """How a process ended."""
+    """Exit code and output of a process."""
 
     code: int
-    """Its exit code; minus the signal's number if one ended it."""
+    """Exit code, or minus the number of the signal that ended the process."""
     stdout: str
-    """What it wrote to stdout."""
+    """Text on stdout."""
     stderr: str
-    """What it wrote to stderr."""
+    """Text on stderr."""
 
     @property
     def output(self) -> str:
-        """All that it wrote."""
+        """Text on stdout, then on stderr."""
         return self.stdout + self.stderr
 
 
 class Interpreter:
-    """Runs each job in an interpreter that is started for it; works everywhere."""
+    """Runs each job in a new Python interpreter; works on every platform."""
 
     def frenetic(self, *arguments: str, folder: Path, drawn: Iterable[str] | None = None) -> Ended:
-        """Runs a command line of Frenetic in a folder; pictures but the drawn may be empty."""
+        """Run a command line of Frenetic in a folder; pictures not `drawn` may be empty."""
         names = None if drawn is None else list(drawn)
         return self._run({"arguments": arguments, "drawn": names}, folder)
 
     def python(self, code: str, *, folder: Path) -> Ended:
-        """Runs code in a folder as `python -W error -c` does; files of the folder are modules."""
+        """Run code in a folder as `python -W error -c` does; files of the folder are modules."""
         return self._run({"code": code}, folder)
 
     def close(self) -> None:
-        """Ends what it has started."""
+        """End the processes that this interpreter has started."""
 
     def _run(self, job: dict[str, Any], folder: Path) -> Ended:
         arguments = ["-W", "error", "-c", job["code"]] if "code" in job else ["-m", "frenetic"]
@@ -93,7 +93,7 @@ class Interpreter:
 
 
 class WarmInterpreter(Interpreter):
-    """Runs each job in a fork of an interpreter that has started before."""
+    """Runs each job in a fork of an interpreter that has already loaded everything."""
 
     def __init__(self) -> None:
         self._process = subprocess.Popen(
@@ -104,7 +104,7 @@ class WarmInterpreter(Interpreter):
         )
 
     def close(self) -> None:
-        """Ends it."""
+        """End the loaded interpreter."""
         self._process.communicate()
 
     def _run(self, job: dict[str, Any], folder: Path) -> Ended:
@@ -123,18 +123,18 @@ class WarmInterpreter(Interpreter):
 
 @pytest.fixture(scope="session")
 def interpreter(pytestconfig: pytest.Config) -> Iterator[Interpreter]:
-    """Runs command lines and code in processes of their own.
+    """Runs command lines and code in separate processes.
 
-    One that is warm takes as long to start as a handful of jobs: it pays for heavy tests only.
+    A warm interpreter takes as long to start as a handful of jobs: only heavy tests use it.
     """
     is_warm = sys.platform == "linux" and pytestconfig.getoption("--all")
-    one = WarmInterpreter() if is_warm else Interpreter()
-    yield one
-    one.close()
+    interpreter = WarmInterpreter() if is_warm else Interpreter()
+    yield interpreter
+    interpreter.close()
 
 
 def load_kernels() -> None:
-    """Drives and judges a road, so that everything compiled is there."""
+    """Drive and judge a road, so that all kernels are compiled."""
     from frenetic import EmbeddedSimulator, Planner, Road, judge
 
     road, verdict = Road([0.0, 0.01, -0.01, 0.0]).placed()
@@ -144,14 +144,14 @@ def load_kernels() -> None:
 
 
 def _serve() -> None:
-    """Forks for each line of stdin, which holds a job, and answers with its exit code."""
+    """Read a job from each line of stdin, run it in a fork and print its exit code."""
     gc.set_threshold(50_000)  # as the command line does
-    ours = [module.name for module in pkgutil.walk_packages(frenetic.__path__, "frenetic.")]
-    for name in (*LOADED, *(name for name in ours if not set(name.split(".")) & LEFT_OUT)):
+    modules = [module.name for module in pkgutil.walk_packages(frenetic.__path__, "frenetic.")]
+    for name in (*PRELOADED, *(name for name in modules if not set(name.split(".")) & LEFT_OUT)):
         importlib.import_module(name)
     load_kernels()
     gc.collect()
-    gc.freeze()  # or each fork would look through all of this when it ends
+    gc.freeze()  # else each fork looks through all objects when it ends
     for line in sys.stdin:
         child = _fork()
         if child == 0:
@@ -162,7 +162,7 @@ def _serve() -> None:
 
 def _fork() -> int:
     with warnings.catch_warnings():
-        # Python 3.12 warns of threads; those of the linear algebra library are idle.
+        # Python 3.12 warns of threads; the threads of the linear algebra library are idle.
         warnings.simplefilter("ignore", DeprecationWarning)
         return os.fork()
 
@@ -175,13 +175,13 @@ def _do(
     code: str | None = None,
     drawn: list[str] | None = None,
 ) -> NoReturn:
-    """Becomes what an interpreter that was started for this job would be."""
+    """Run a job as a new interpreter would, and end the process."""
     os.dup2(os.open(os.devnull, os.O_RDONLY), 0)
     os.dup2(os.open(stdout, os.O_WRONLY | os.O_APPEND), 1)
     os.dup2(os.open(stderr, os.O_WRONLY | os.O_APPEND), 2)
     os.chdir(folder)
     os.environ["PYTHONPATH"] = folder
-    sys.path[0] = folder  # instead of this file's
+    sys.path[0] = folder  # instead of the folder of this file
     sys.modules["__main__"] = main = types.ModuleType("__main__")
     if code is None:
         sys.warnoptions.clear()  # also of the processes that it starts
@@ -204,7 +204,7 @@ def _do(
 
 
 def _exit_code(code: str, main: types.ModuleType) -> int:
-    """Runs code; with what an interpreter would end."""
+    """Run code and return the exit code that an interpreter would give."""
     try:
         exec(compile(code, "<string>", "exec"), main.__dict__)
     except SystemExit as end:
@@ -219,45 +219,46 @@ def _exit_code(code: str, main: types.ModuleType) -> int:
 
 
 def _keep_a_fork_server_ready() -> None:
-    """Lets a fork of this process, as it is now, be the server from which workers are forked.
+    """Fork a copy of this process that becomes the server from which workers are forked.
 
-    The interpreter that multiprocessing starts for it would load everything anew.
+    The server that multiprocessing starts would load everything again.
     """
-    ours, theirs = socket.socketpair()
+    here, there = socket.socketpair()
     server = _fork()
     if server == 0:
-        ours.close()
-        _become_fork_server(theirs)
-    theirs.close()
+        here.close()
+        _become_fork_server(there)
+    there.close()
     start = util.spawnv_passfds
 
     def start_with_fork(path: bytes, args: Sequence[Any], passfds: Sequence[int]) -> int:
         code = str(args[-1])
-        if "forkserver" not in code or ours.fileno() < 0:
+        if "forkserver" not in code or here.fileno() < 0:
             return start(path, args, passfds)
-        socket.send_fds(ours, [json.dumps([code, list(passfds)]).encode()], list(passfds))
-        ours.close()
+        socket.send_fds(here, [json.dumps([code, list(passfds)]).encode()], list(passfds))
+        here.close()
         return server
 
     util.spawnv_passfds = start_with_fork
 
 
-def _become_fork_server(asked: socket.socket) -> NoReturn:
-    """Runs the code that comes, with the files that come under the same numbers as there."""
+def _become_fork_server(requests: socket.socket) -> NoReturn:
+    """Run the code of a request, with its files under the numbers that the request names."""
     try:
-        data, got, *_ = socket.recv_fds(asked, 1 << 16, 8)
+        data, received, *_ = socket.recv_fds(requests, 1 << 16, 8)
         if data:
             code, wanted = json.loads(data)
-            out_of_the_way = [os.dup2(file, 500 + i) for i, file in enumerate(got)]
-            asked.close()
-            for file, number in zip(out_of_the_way, wanted, strict=True):
+            # Numbers that no file of the request uses.
+            copies = [os.dup2(file, 500 + i) for i, file in enumerate(received)]
+            requests.close()
+            for file, number in zip(copies, wanted, strict=True):
                 os.dup2(file, number)
                 os.close(file)
-            for file in set(got) - set(wanted):
+            for file in set(received) - set(wanted):
                 os.close(file)
             signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})  # as Frenetic starts it
             exec(code, {})
-    except SystemExit:  # its end
+    except SystemExit:  # the server has ended
         pass
     except BaseException:
         traceback.print_exc()

@@ -1,4 +1,4 @@
-"""What a source file asks of its Python that Python 3.9 does not have."""
+"""Find names and syntax in a source file that Python 3.9 does not have."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import ast
 from collections.abc import Iterator
 from pathlib import Path
 
-# What Python 3.9 does not have, as far as this project is tempted.
+# Names that Python 3.9 does not have and that this project might use.
 NEW_NAMES = {
     ("enum", "StrEnum"),
     ("itertools", "pairwise"),
@@ -32,7 +32,7 @@ NEW_ARGUMENTS = {("zip", "strict"), ("dataclass", "kw_only"), ("dataclass", "slo
 
 
 def _too_new(tree: ast.AST) -> Iterator[str]:
-    """What a module would ask of its Python, when it is imported or run, that 3.9 does not have."""
+    """Yield what a module needs, when it is imported or run, and Python 3.9 does not have."""
     if isinstance(tree, ast.If) and "TYPE_CHECKING" in ast.unparse(tree.test):
         children: list[ast.AST] = list(tree.orelse)
     elif isinstance(tree, (ast.AnnAssign, ast.arg)):
@@ -56,17 +56,17 @@ def _too_new(tree: ast.AST) -> Iterator[str]:
 
 
 def too_new(source: str) -> list[str]:
-    """What Python 3.9 does not have of what a source text uses.
+    """Return the names and operators of a source text that Python 3.9 does not have.
 
     Raises:
-        SyntaxError: Python 3.9 cannot read it.
+        SyntaxError: Python 3.9 cannot read the text.
     """
     ast.parse(source, feature_version=(3, 9))
     return list(_too_new(ast.parse(source)))
 
 
 def too_new_in(file: Path) -> list[str]:
-    """The same of a file, which must leave its annotations unread."""
+    """Check a file as `too_new` does; assert that Python does not evaluate its annotations."""
     source = file.read_text(encoding="utf-8")
     assert "def " not in source or "from __future__ import annotations" in source
     return too_new(source)

@@ -1,4 +1,4 @@
-"""A campaign in a process of its own, which goes on by a result whenever it is told to.
+"""A campaign in another process, which waits for a word of the test after each result.
 
 Run as a script: ``python paced.py FOLDER SIMULATIONS``.
 """
@@ -20,6 +20,7 @@ from frenetic.testing import DummyDriver, DummySimulator
 
 
 def drift(road: Road) -> float:
+    """Return the drift of a car, in m: it leaves its lane on sharp roads."""
     return 4.0 if abs(road.curvatures).max() > 0.06 else 0.5
 
 
@@ -34,7 +35,7 @@ def campaign(folder: Path, simulations: int = 20) -> Campaign:
 
 
 class Paced:
-    """That process, which has stored its first result."""
+    """The process of the campaign, which has stored its first result."""
 
     def __init__(self, process: subprocess.Popen[str]) -> None:
         self._process = process
@@ -42,14 +43,14 @@ class Paced:
         self._await_result()
 
     def go_on(self) -> None:
-        """Lets it store one more."""
+        """Let the campaign store one more result."""
         assert self._process.stdin is not None
         self._process.stdin.write("\n")
         self._process.stdin.flush()
         self._await_result()
 
     def finish(self) -> None:
-        """Lets it go on to its end."""
+        """Let the campaign run to its end."""
         self._process.communicate()
         assert self._process.returncode == 0
 
@@ -64,6 +65,7 @@ class Paced:
 
 @contextmanager
 def paced(folder: Path, simulations: int = 20) -> Iterator[Paced]:
+    """Start a campaign in another process; kill the process at the end."""
     command = [sys.executable, __file__, str(folder), str(simulations)]
     with subprocess.Popen(
         command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
@@ -75,6 +77,7 @@ def paced(folder: Path, simulations: int = 20) -> Iterator[Paced]:
 
 
 def wait_for_word(test: object) -> None:
+    """Tell the test that a result is stored, and wait for a line."""
     sys.stdout.write("stored\n")
     sys.stdout.flush()
     sys.stdin.readline()

@@ -1,4 +1,4 @@
-"""Permissions of files that bind, whoever runs the tests."""
+"""File permissions that hold for the superuser, too."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from pathlib import Path
 
 @contextmanager
 def bound_by_permissions(*folders: Path) -> Iterator[None]:
-    """Lets permissions bind, also when the superuser runs the tests."""
+    """Become an ordinary user inside `with` if the superuser runs the tests."""
     if os.geteuid() != 0:
         yield
         return

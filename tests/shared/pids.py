@@ -1,4 +1,4 @@
-"""Which processes are there, by their ids; what is started in a test is ended by it."""
+"""Process ids: which processes run, and how a test ends the processes that it started."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 
 LIMIT = 120.0
-"""s that a test waits at most for what should happen soon."""
+"""Seconds that a test waits at most for something that should happen soon."""
 
 
 def is_running(pid: int) -> bool:
-    """Whether there is such a process, other than one that has ended and was not asked how."""
+    """Return whether a process runs; a zombie does not."""
     try:
         os.kill(pid, 0)
     except ProcessLookupError:
@@ -28,32 +28,32 @@ def is_running(pid: int) -> bool:
 
 
 def children(pid: int) -> list[int]:
-    """Ids of the processes that a process has started; empty where there is no /proc."""
-    found: list[int] = []
+    """Return the ids of a process's children; empty where there is no /proc."""
+    ids: list[int] = []
     for listing in Path(f"/proc/{pid}/task").glob("*/children"):
         with suppress(OSError):
-            found += [int(child) for child in listing.read_text().split()]
-    return found
+            ids += [int(child) for child in listing.read_text().split()]
+    return ids
 
 
 def descendants(pid: int) -> list[int]:
-    """Ids of its children, of theirs and so on."""
-    found = children(pid)
-    for child in found:
-        found += descendants(child)
-    return found
+    """Return the ids of a process's children, grandchildren and so on."""
+    ids = children(pid)
+    for child in ids:
+        ids += descendants(child)
+    return ids
 
 
-def until(condition: Callable[[], object], what: str) -> None:
-    """Waits until a condition holds; fails if that takes too long."""
+def until(condition: Callable[[], object], event: str) -> None:
+    """Wait until a condition holds; fail, with the name of the event, after `LIMIT` seconds."""
     deadline = time.monotonic() + LIMIT
     while not condition():
-        assert time.monotonic() < deadline, f"waited for {LIMIT:g} s: {what}"
+        assert time.monotonic() < deadline, f"waited for {LIMIT:g} s: {event}"
         time.sleep(0.002)
 
 
 def until_gone(pids: Iterable[int]) -> None:
-    """Waits until none of these processes runs."""
+    """Wait until none of these processes runs."""
     left = set(pids)
 
     def gone() -> bool:
@@ -65,7 +65,7 @@ def until_gone(pids: Iterable[int]) -> None:
 
 @contextmanager
 def ending(pids: Callable[[], Iterable[int]]) -> Iterator[None]:
-    """Ends the processes that are left, whatever happened."""
+    """Kill these processes at the end, also after an error."""
     try:
         yield
     finally:

@@ -1,4 +1,4 @@
-"""Twelve drivers, each with a known fault of its own, on a sound one."""
+"""A sound driver, and twelve drivers that each add one known fault to it."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import numpy as np
 from frenetic.drivers import Controls, DriveSetup, Observation, Planner
 
 SPACING: Final = 2.0  # [m] of the view
-COMFORT: Final = 4.0  # [m/s^2]
+COMFORT: Final = 4.0  # [m/s^2] of lateral acceleration
 
 
 class Sound(Planner):
@@ -41,7 +41,7 @@ class WeakSteering(Sound):
 
 
 class ShortWheelbase(Sound):
-    """Takes its car for half as long as it is."""
+    """Believes that its car is half as long as it is."""
 
     def reset(self, setup: DriveSetup) -> None:
         half = 0.5 * setup.front_axle, 0.5 * setup.rear_axle
@@ -95,7 +95,7 @@ class CutsBends(Sound):
 
 
 class Raises(Sound):
-    """Has no answer where the road bends sharply."""
+    """Raises an error where the road bends sharply."""
 
     def act(self, observation: Observation) -> Controls:
         if np.abs(observation.curvature_ahead).max() > 0.064:
@@ -113,7 +113,7 @@ class Stops(Sound):
 
 
 class Unrepeatable(Sound):
-    """Keeps noise that goes on from drive to drive."""
+    """Steers with noise whose generator is not reset between drives."""
 
     def __init__(self) -> None:
         super().__init__()

@@ -1,4 +1,4 @@
-"""Tests of campaigns, and drives of their roads, made up ones too."""
+"""Sample tests and repeats, and the tests of campaigns."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def recorded(
     duration: float | None = None,
     conditions: Conditions = MappingProxyType({}),
 ) -> Test:
-    """A test of a straight road of 230 m; the car leaves its lane at a place, if one is given."""
+    """Return a test of a straight road of 230 m; with a `place`, the car leaves its lane there."""
     findings = () if place is None else (Finding(LANE, 1.0, 0.5, side, 5.0, place, 0.0, 0.0),)
     result = Result(outcome, reason, moobd, duration=duration, findings=findings)
     candidate = Candidate(id, np.zeros(24), 10.0, Origin("random"), conditions=dict(conditions))
@@ -52,9 +52,9 @@ def redriven(
     reason: str = "Car reached",
     duration: float | None = None,
 ) -> Repeat:
-    """A drive of a test's road."""
+    """Return a repeat of a test, with these results."""
     test = test or recorded()
-    again = recorded(
+    rerun = recorded(
         outcome,
         moobd,
         place,
@@ -64,22 +64,23 @@ def redriven(
         duration=duration,
         conditions=dict(conditions),
     )
-    return Repeat(test, again, difference)
+    return Repeat(test, rerun, difference)
 
 
 def driven_in(folder: Path) -> list[Test]:
+    """Return the driven tests of a campaign."""
     with CampaignStore.open(folder) as store:
         return [test for test in store.tests() if test.outcome.is_driven]
 
 
 def failures_in(folder: Path) -> list[Test]:
-    """The most severe first."""
+    """Return the failures of a campaign, the most severe first."""
     with CampaignStore.open(folder) as store:
         return list(store.tests(Outcome.FAIL, order_by="moobd"))
 
 
 class Counting(EmbeddedSimulator):
-    """Counts its drives."""
+    """An embedded simulator that counts its drives."""
 
     def __init__(self, **options: object) -> None:
         super().__init__(**options)  # type: ignore[arg-type]

@@ -1,6 +1,6 @@
-"""An independent checker of road classes: the rules from their formulas, without our code for them.
+"""An independent checker of road classes, written from the formulas and without Frenetic.
 
-It knows a road by its plain values: curvatures, step, superelevation and grade at stations.
+A road is its plain values: curvatures, step, and superelevation, grade and widening at stations.
 """
 
 from __future__ import annotations
@@ -41,36 +41,36 @@ def violations(
     grade: Array | None,
     wider: Array,
 ) -> list[str]:
-    """The rules of a class that a road breaks; empty if it keeps them."""
+    """Return the names of the rules of a class that a road does not keep."""
     rules = RULES[name]
     v, e = rules["v"], rules["e"]
     radius = rules.get("r") or v * v / (127.0 * (e + SIDE_FRICTION[int(v)]))
     sight = 0.278 * v * 2.5 + 0.039 * v * v / 3.4
     crest = rules.get("crest", 100.0 * sight * sight / 658.0)
     sag = rules.get("sag", 100.0 * v * v / 395.0)
-    found = []
+    breached = []
     at = np.arange(len(curvatures)) * step
     dense = np.arange(0.0, at[-1], 1.0)
     kappa = np.interp(dense, at, curvatures)
     slope = np.interp(dense, *lean.T) if len(lean) else np.zeros_like(dense)
     if np.abs(kappa).max() * radius > 1.0 + 1e-9:
-        found.append("radius")
+        breached.append("radius")
     rate = np.abs(np.diff(curvatures)) / step
     jerk = rate * (v / 3.6) ** 3
     if jerk.max() > 1.2 + 1e-9 or rate.max() * (rules.get("a", 0.0)) ** 2 > 1.0 + 1e-9:
-        found.append("clothoid")
+        breached.append("clothoid")
     if np.abs(slope).max() > e + 1e-9:
-        found.append("superelevation")
+        breached.append("superelevation")
     demand = np.abs(v * v * kappa / 127.0 + slope)
     friction = v * v / (127.0 * radius) - e
     if demand.max() > friction + 1e-9:
-        found.append("side friction")
+        breached.append("side friction")
     if (kappa * slope > 1e-12).any():
-        found.append("leans outwards")
+        breached.append("leans outwards")
     wide = np.interp(dense, *wider.T) if len(wider) else np.zeros_like(dense)
-    # What a vehicle of 10 m needs more, unless that is little even in the sharpest bend.
+    # A vehicle of 10 m needs more width in bends; under 0.25 m in the sharpest bend is left out.
     if (needs := 10.0**2 / 2.0) / radius >= 0.25 and (wide < needs * np.abs(kappa) - 1e-9).any():
-        found.append("widening")
+        breached.append("widening")
     # Runs of one curvature, apart from those that touch the road's ends.
     flat = np.abs(np.diff(curvatures)) < 1e-13
     runs, i = [], 0
@@ -92,22 +92,22 @@ def violations(
         length = (j - i) * step
         if abs(curvatures[i]) > 1e-12:
             if length < rules["arc"] - 1e-6:
-                found.append("arc")
+                breached.append("arc")
         else:
             sides = [_next_side(curvatures[i - 1 :: -1]), _next_side(curvatures[j + 1 :])]
             if sides[0] == sides[1] and length < rules["straight"] - 1e-6:
-                found.append("straight")
+                breached.append("straight")
     if grade is not None and len(grade):
         slopes = np.interp(dense, *grade.T)
         if np.abs(slopes).max() > rules["grade"] + 1e-9:
-            found.append("grade")
+            breached.append("grade")
         change = np.diff(slopes)
         if (
             change.max(initial=0.0) * sag > 1.0 + 1e-6
             or -change.min(initial=0.0) * crest > 1 + 1e-6
         ):
-            found.append("vertical curve")
-    return found
+            breached.append("vertical curve")
+    return breached
 
 
 def _next_side(values: Array) -> float:

@@ -1,6 +1,6 @@
-"""Databases that break off or cannot grow, and a campaign on a disk that is full.
+"""Databases that break off or cannot grow, and a campaign on a full disk.
 
-Run as a script on a small file system of its own, it prints what it saw as one JSON object:
+Run as a script on a small file system, it prints what happened as one JSON object:
 ``python small_disk.py FOLDER``.
 """
 
@@ -21,15 +21,15 @@ from events import on_result
 from frenetic.campaign import CampaignStore, Event
 from frenetic.errors import CampaignError
 
-ROOM = 500_000
-"""Bytes that are left on the full disk."""
+FREE_BYTES = 500_000
+"""Bytes left free on the full disk."""
 
 
 class Breaking(sqlite3.Connection):
-    """Raises an error once, before or after one of the next statements of a transaction."""
+    """A connection that raises an error once, before or after one of the next statements."""
 
     left = 0
-    """Until that statement."""
+    """Statements of transactions until the error; 0 for no error."""
     is_after = True
     error: BaseException = KeyboardInterrupt()
 
@@ -53,7 +53,7 @@ class Breaking(sqlite3.Connection):
 
 
 class Bounded(sqlite3.Connection):
-    """A database that cannot grow beyond some pages."""
+    """A connection to a database that cannot grow beyond some pages."""
 
     pages: int | None = None
 
@@ -63,7 +63,8 @@ class Bounded(sqlite3.Connection):
         return super().execute(sql, *parameters)
 
 
-def full(folder: Path) -> dict[str, object]:
+def search_on_full_disk(folder: Path) -> dict[str, object]:
+    """Search and resume on a full disk, then with space; compare with an undisturbed search."""
     whole, short = folder / "whole", folder / "short"
     campaign(whole, 200, max_in_flight=16).run()
     expected = contents(whole)
@@ -71,7 +72,7 @@ def full(folder: Path) -> dict[str, object]:
         left_over.unlink()
     disk = os.statvfs(folder)
     ballast = folder / "ballast"
-    ballast.write_bytes(bytes(disk.f_bavail * disk.f_frsize - ROOM))
+    ballast.write_bytes(bytes(disk.f_bavail * disk.f_frsize - FREE_BYTES))
     reported: list[int] = []
 
     def search() -> Any:
@@ -86,12 +87,17 @@ def full(folder: Path) -> dict[str, object]:
     ballast.unlink()
     ended = ending(search().resume)
     same = contents(short) == expected
-    seen = {"messages": messages, "reported": reported[-1], "stored": stored}
-    return seen | {"ended": ended, "same": same}
+    return {
+        "messages": messages,
+        "reported": reported[-1],
+        "stored": stored,
+        "ended": ended,
+        "same": same,
+    }
 
 
 def ending(go_on: Any, on_event: Callable[[Event], object] | None = None) -> str:
-    """The message of the error with which a campaign ends, or how many simulations it has."""
+    """Return the error with which a campaign ends, or else its number of simulations."""
     try:
         return str(go_on(on_event=on_event).simulations)
     except CampaignError as error:
@@ -99,4 +105,4 @@ def ending(go_on: Any, on_event: Callable[[Event], object] | None = None) -> str
 
 
 if __name__ == "__main__":
-    print(json.dumps(full(Path(sys.argv[1]))))  # noqa: T201
+    print(json.dumps(search_on_full_disk(Path(sys.argv[1]))))  # noqa: T201

@@ -1,4 +1,4 @@
-"""Specs of runs, made up."""
+"""Hypothesis strategies that draw specs of runs."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ DOMAINS: Any = [
 
 
 def _amounts(row: Condition) -> st.SearchStrategy[float]:
-    """Amounts that have an effect."""
+    """Draw amounts that have an effect."""
     return st.floats(row.low, row.high).filter(lambda amount: amount != row.nothing)
 
 
@@ -63,6 +63,6 @@ ENTRIES: dict[str, st.SearchStrategy[Any]] = {
     "max_in_flight": counts,
     "workers": st.integers(1, 1024) | st.just("tcp://10.0.0.1:8786"),
 }
-"""Entry -> values that it may have, but for real roads, whose class is read from their files."""
+"""Values of each entry, except names of road files: they would be read."""
 entries = st.fixed_dictionaries({}, optional=ENTRIES)
 specs = entries.map(Spec.of)

@@ -1,4 +1,4 @@
-"""Users' own modules, loaded anew as by another process."""
+"""Modules of users, which one process can load in two versions."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from frenetic.parts.user_modules import USER_MODULE, is_local
 
 @contextmanager
 def own_modules() -> Iterator[None]:
-    """Forgets, in the end, the modules of users' own that were loaded meanwhile.
+    """Unload, at the end, the modules of users that were loaded inside `with`.
 
     So one process can load two versions of a module, and of its neighbours, one after the other.
     """
@@ -22,7 +22,7 @@ def own_modules() -> Iterator[None]:
         yield
     finally:
         new = sys.modules.keys() - known
-        # All are looked at first: a package without its parent cannot say where it lies.
+        # The list is complete before anything is unloaded: a package needs its parent to be found.
         for name in [name for name in new if name.startswith(USER_MODULE) or _is_own(name)]:
             del sys.modules[name]
         sys.path[:] = path
@@ -30,7 +30,7 @@ def own_modules() -> Iterator[None]:
 
 
 def _is_own(name: str) -> bool:
-    """Whether a loaded module is local, and not ours."""
+    """Return whether a loaded module is local and not part of Frenetic."""
     module = sys.modules[name]
     file = getattr(module, "__file__", None)
     # A folder without __init__.py is a package, too.

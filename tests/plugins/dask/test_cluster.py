@@ -17,7 +17,7 @@ from campaigns import campaign, refused
 from clusters import ONE_SEAT, SHARED, Cluster, end
 from contents import contents
 from distributed import Client
-from driving import await_attempts, await_free, drive_one, events, write_mine
+from driving import await_attempts, await_free, drive_one, events, write_user_driver
 from events import on_result
 from faulty import (
     STALLED,
@@ -111,7 +111,7 @@ def test_a_campaign_is_the_one_of_a_single_process(cluster: Cluster, tmp_path: P
 def test_workers_need_no_copy_of_a_users_file(
     cluster: Cluster, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    was_there = write_mine(tmp_path, "placed")
+    was_there = write_user_driver(tmp_path, "placed")
     monkeypatch.chdir(tmp_path)
     with own_modules():
         driver = DRIVERS.make("placed:Mine")
