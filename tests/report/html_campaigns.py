@@ -25,7 +25,7 @@ HOSTILE = (
 
 
 def make_searched(folder: Path, simulations: int = 150) -> Path:
-    """A campaign with failures, random roads, and roads that were made from others."""
+    """Run a campaign with failures, random roads, and roads with parents."""
     Campaign(
         strategy=Frenetic2021(seed=10, max_redraws=10),
         simulator=EmbeddedSimulator(),
@@ -37,7 +37,7 @@ def make_searched(folder: Path, simulations: int = 150) -> Path:
 
 
 def make_sloping(folder: Path, name: str = "urban-50") -> Path:
-    """A campaign on icy roads of a class; those of a town widen in bends."""
+    """Run a campaign on icy roads of a class; the lanes of "urban-50" widen in bends."""
     road_class = RoadClass.of(name)
     Campaign(
         strategy=RandomSearch(seed=1, road_class=road_class),
@@ -50,7 +50,7 @@ def make_sloping(folder: Path, name: str = "urban-50") -> Path:
 
 
 def make_varied(folder: Path) -> Path:
-    """A campaign in a domain, one cell of which is hardly ever drawn."""
+    """Run a campaign in a domain with a cell that is hardly ever drawn."""
     conditions = {
         "friction": {"low": 0.1, "high": 1.0, "mean": 0.6, "deviation": 0.13},
         "gust": {"low": -20, "high": 20},
@@ -70,7 +70,7 @@ def make_varied(folder: Path) -> Path:
 
 
 def make_hostile(folder: Path, searched: Path) -> Path:
-    """A campaign in which every text that may come from outside is `HOSTILE`."""
+    """Write a campaign in which every text from outside is `HOSTILE`."""
     with CampaignStore.open(searched) as store:
         config = dict(store.config)
         (failure,) = store.tests(Outcome.FAIL, order_by="moobd", limit=1, with_trajectory=True)
@@ -100,7 +100,7 @@ def make_hostile(folder: Path, searched: Path) -> Path:
 
 
 def make_empty(folder: Path, searched: Path) -> Path:
-    """A campaign that was killed before its first test."""
+    """Write a campaign that was killed before its first test."""
     with CampaignStore.open(searched) as store:
         config = store.config
     CampaignStore.create(folder, config).close()
@@ -108,7 +108,7 @@ def make_empty(folder: Path, searched: Path) -> Path:
 
 
 def make_refused(folder: Path, searched: Path) -> Path:
-    """A campaign with one road, which was refused."""
+    """Write a campaign with one road, which was refused."""
     make_empty(folder, searched)
     with CampaignStore.open(folder, readonly=False) as store:
         candidate = Candidate(1, np.zeros(3), 10.0, Origin("random"))

@@ -1,4 +1,4 @@
-"""The campaign of the tests of the HTML report."""
+"""Campaigns with reports, shared by the tests of the HTML report."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from frenetic.report.html import write_report
 
 @pytest.fixture(scope="session")
 def searched(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A campaign with its report; nothing in it may be changed."""
+    """A campaign with its report; no test changes it."""
     folder = make_searched(tmp_path_factory.mktemp("html") / "searched")
     write_report(folder)
     return folder
@@ -20,7 +20,7 @@ def searched(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="session")
 def sloping(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The same on roads of a class."""
+    """A campaign on roads of a class, with its report; no test changes it."""
     folder = make_sloping(tmp_path_factory.mktemp("html") / "sloping")
     write_report(folder)
     return folder
@@ -28,7 +28,7 @@ def sloping(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="session")
 def varied(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The same in a domain."""
+    """A campaign in a domain, with its report; no test changes it."""
     folder = make_varied(tmp_path_factory.mktemp("html") / "varied")
     write_report(folder)
     return folder

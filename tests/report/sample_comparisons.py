@@ -1,4 +1,4 @@
-"""Comparisons made of numbers, for the tests of their page."""
+"""Comparisons of sample campaigns, for the tests of the comparison page."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from frenetic.campaign.counts import Counts
 
 
 def campaign(folder: Path, distinct: int, simulations: int = 60) -> CampaignMeasures:
-    """With its failures one after the other; every second is a distinct one."""
+    """Return measures of a campaign: its failures follow each other, every second is distinct."""
     curve = np.clip(np.arange(simulations + 1) - 3, 0, 2 * distinct)
     return CampaignMeasures(
         folder=folder,
@@ -28,7 +28,8 @@ def campaign(folder: Path, distinct: int, simulations: int = 60) -> CampaignMeas
     )
 
 
-def made(folder: Path, **groups: list[int]) -> Comparison:
+def comparison(folder: Path, **groups: list[int]) -> Comparison:
+    """Compare groups of campaigns with these numbers of distinct failures."""
     measured = {
         name: tuple(campaign(folder / f"{name}-{i}", n) for i, n in enumerate(numbers))
         for name, numbers in groups.items()
@@ -37,6 +38,7 @@ def made(folder: Path, **groups: list[int]) -> Comparison:
 
 
 LOW, HIGH = [1, 2, 3, 4, 5], [11, 12, 13, 14, 15]
+"""Distinct failures of the campaigns of two groups."""
 
 
 def three_groups(folder: Path) -> Comparison:
@@ -44,4 +46,4 @@ def three_groups(folder: Path) -> Comparison:
     for name in ("high-0", "low-1"):
         (folder / name).mkdir()
         (folder / name / "report.html").write_text("<!doctype html><title>x</title>")
-    return made(folder, low=LOW, high=HIGH, never=[0] * 5)
+    return comparison(folder, low=LOW, high=HIGH, never=[0] * 5)

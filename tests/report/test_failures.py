@@ -1,4 +1,4 @@
-"""The files of failing roads, and which failures are listed."""
+"""Files of failing roads, and the choice of the failures that are listed."""
 
 from __future__ import annotations
 
@@ -35,23 +35,27 @@ def store(tmp_path: Path) -> Iterator[CampaignStore]:
         yield opened
 
 
-def test_representative_failures_are_examples_of_causes_then_the_worst_of_each_problem(
+def test_representative_failures_are_examples_of_causes_then_the_worst_of_each_cluster(
     store: CampaignStore,
 ) -> None:
     clusters = distinct_failures(store)
     failures = [record.id for record in store.tests(Outcome.FAIL)]
     assert sorted(i for cluster in clusters for i in cluster.ids) == failures
-    every = representative_failures(store, 1000)
+    representatives = representative_failures(store, 1000)
     examples = [cause.example for cause in clusters.causes]
-    assert [record.id for record in every[: len(examples)]] == examples
-    problems = [clusters.of(record.id) for record in every]
-    assert sorted(one.ids for one in problems) == sorted(one.ids for one in clusters)
-    others = every[len(examples) :]
-    assert [one.id for one in others] == [one.most_severe for one in problems[len(examples) :]]
-    moobds = [record.moobd or 0.0 for record in others]
+    assert [record.id for record in representatives[: len(examples)]] == examples
+    problems = [clusters.of(record.id) for record in representatives]
+    assert sorted(problem.ids for problem in problems) == sorted(
+        cluster.ids for cluster in clusters
+    )
+    after_examples = representatives[len(examples) :]
+    assert [record.id for record in after_examples] == [
+        problem.most_severe for problem in problems[len(examples) :]
+    ]
+    moobds = [record.moobd or 0.0 for record in after_examples]
     assert moobds == sorted(moobds)
     assert [record.id for record in representative_failures(store, 4)] == [
-        record.id for record in every[:4]
+        record.id for record in representatives[:4]
     ]
 
 
@@ -71,7 +75,7 @@ def test_of_many_failures_the_most_severe_are_compared_and_listed(
     assert len(rows) == listed
 
 
-def test_every_failure_gets_a_road_file_that_can_be_read_again(store: CampaignStore) -> None:
+def test_every_failure_gets_a_road_file_that_can_be_read(store: CampaignStore) -> None:
     failures = list(store.tests(Outcome.FAIL))
     assert 4 < len(failures) < 40
     write_failures(store, failures, [])
@@ -87,21 +91,21 @@ def test_every_failure_gets_a_road_file_that_can_be_read_again(store: CampaignSt
     assert document["validation_message"] == refused.reason
 
 
-def test_listed_failures_are_drawn_together_and_files_of_other_tests_replaced(
+def test_listed_failures_share_a_picture_and_stale_files_are_replaced(
     store: CampaignStore,
 ) -> None:
     folder, listed = store.folder / "failures", representative_failures(store, 3)
     write_failures(store, listed, listed)
-    assert [one.name for one in folder.glob("*.png")] == ["gallery.png"]
+    assert [path.name for path in folder.glob("*.png")] == ["gallery.png"]
     first, second, third = sorted(folder.glob("test-*.json"))
     third.write_text("of another test")
-    times = [one.stat().st_mtime_ns for one in (first, second)]
+    times = [path.stat().st_mtime_ns for path in (first, second)]
     write_failures(store, listed, listed)
-    assert [one.stat().st_mtime_ns for one in (first, second)] == times
+    assert [path.stat().st_mtime_ns for path in (first, second)] == times
     assert read_road(third).road().length > 0.0
 
 
-def test_folder_that_cannot_be_made_is_one_clear_line(store: CampaignStore) -> None:
+def test_a_folder_that_cannot_be_made_is_a_one_line_error(store: CampaignStore) -> None:
     (store.folder / "failures").write_text("in the way")
     with pytest.raises(CampaignError, match="all results are safe in"):
         write_failures(store, [], [])

@@ -1,4 +1,4 @@
-"""Which tests are in the feature map of a report, and what it says of them."""
+"""The feature map of a report: which tests it shows, and its axes."""
 
 from __future__ import annotations
 
@@ -31,12 +31,13 @@ FEATURES = {
 
 @pytest.fixture(autouse=True)
 def _small(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Lets a map hold few tests."""
     for name, value in {"MAPPED": 30, "MAPPED_PASSED": 10, "MAPPED_FAILURES": 40}.items():
         monkeypatch.setattr(feature_map, name, value)
 
 
-def made(failures: int, passes: int) -> list[TestSummary]:
-    """Tests, those that failed first, each more severe than the one before."""
+def sample_tests(failures: int, passes: int) -> list[TestSummary]:
+    """Return failures, each more severe than the one before, then passes."""
     kinds = [(Outcome.FAIL, -i / 100.0) for i in range(1, failures + 1)]
     kinds += [(Outcome.PASS, 1.0)] * passes
     return [
@@ -46,6 +47,7 @@ def made(failures: int, passes: int) -> list[TestSummary]:
 
 
 def chosen_of(tests: list[TestSummary]) -> list[TestSummary]:
+    """Return the tests that the map shows."""
     chosen = choose_mapped([(test.id, test.outcome, test.moobd) for test in tests])
     return [test for test in tests if test.id in chosen]
 
@@ -54,10 +56,10 @@ def chosen_of(tests: list[TestSummary]) -> list[TestSummary]:
     ("failures", "passes", "mapped"),
     [(5, 20, (5, 20)), (5, 90, (5, 25)), (29, 90, (29, 10)), (0, 90, (0, 30)), (50, 1, (40, 1))],
 )
-def test_failures_are_mapped_and_passes_thinned_and_that_is_said(
+def test_the_map_shows_failures_thins_passes_and_counts_both(
     failures: int, passes: int, mapped: tuple[int, int]
 ) -> None:
-    tests = made(failures, passes)
+    tests = sample_tests(failures, passes)
     chosen = chosen_of(tests)
     failed = sum(test.outcome is Outcome.FAIL for test in chosen)
     assert (failed, len(chosen) - failed) == mapped
@@ -68,15 +70,15 @@ def test_failures_are_mapped_and_passes_thinned_and_that_is_said(
     section = map_section(measured, tests)
     (block,) = section.blocks
     assert isinstance(block, DataBlock)
-    said = f"{mapped[0]} of {failures} failures, {mapped[1]} of {passes} others"
-    assert (said in section.lead) is (mapped != (failures, passes))
+    note = f"{mapped[0]} of {failures} failures, {mapped[1]} of {passes} others"
+    assert (note in section.lead) is (mapped != (failures, passes))
     assert block.data["all_driven"] is (mapped == (failures, passes))
     assert block.data["all_failures"] is (failures < 50)
 
 
-def test_conditions_are_axes_and_drives_outside_them_in_no_cell() -> None:
+def test_conditions_are_axes_and_drives_beyond_them_have_no_cell() -> None:
     gust = Axis("gust", "gust", "m/s", (-10.0, 0.0, 10.0), has_usual=True)
-    tests = made(1, 3)
+    tests = sample_tests(1, 3)
     measured = {test.id: FEATURES for test in tests}
     (block,) = map_section(measured, tests, {gust: [2, None, 0, 1]}).blocks
     assert isinstance(block, DataBlock)
@@ -87,13 +89,13 @@ def test_conditions_are_axes_and_drives_outside_them_in_no_cell() -> None:
     assert axis["bins"] == "2.01"
 
 
-def test_few_others_are_mapped_when_the_campaign_has_grown() -> None:
-    before, after = ({test.id for test in chosen_of(made(0, n))} for n in (200, 210))
+def test_a_longer_campaign_keeps_most_of_the_mapped_passes() -> None:
+    before, after = ({test.id for test in chosen_of(sample_tests(0, n))} for n in (200, 210))
     assert len(before - after) <= 3
 
 
-def test_of_too_many_failures_some_of_every_severity_are_mapped() -> None:
-    moobds = [test.moobd or 0.0 for test in chosen_of(made(1000, 0))]
+def test_a_map_of_too_many_failures_shows_every_severity() -> None:
+    moobds = [test.moobd or 0.0 for test in chosen_of(sample_tests(1000, 0))]
     assert (len(moobds), min(moobds), max(moobds)) == (40, -10.0, -0.01)
     assert 18 <= sum(moobd < -5.0 for moobd in moobds) <= 22
 

@@ -1,4 +1,4 @@
-"""What the HTML report of a campaign says; how it looks is in `test_html_browser`."""
+"""Contents of the HTML report of a campaign; `test_html_browser` tests how it looks."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ pytest_plugins = ["reported_campaign"]
 
 
 class Page(HTMLParser):
-    """The scripts of a page, its policy, and all addresses in it."""
+    """A parsed page: its scripts, its content security policy and all its addresses."""
 
     def __init__(self, text: str) -> None:
         super().__init__(convert_charrefs=True)
@@ -70,10 +70,12 @@ class Page(HTMLParser):
         self.close()
 
     def handle_starttag(self, tag: str, attributes: list[tuple[str, str | None]]) -> None:
-        given = dict(attributes)
-        self.addresses += [str(given[name]) for name in ("src", "href", "action") if name in given]
-        if given.get("http-equiv") == "Content-Security-Policy":
-            self.policy = given["content"] or ""
+        values = dict(attributes)
+        self.addresses += [
+            str(values[name]) for name in ("src", "href", "action") if name in values
+        ]
+        if values.get("http-equiv") == "Content-Security-Policy":
+            self.policy = values["content"] or ""
         self._open = tag
 
     def handle_data(self, data: str) -> None:
@@ -92,31 +94,34 @@ def page_of(path: Path) -> Page:
 
 
 def block_of(data: Any, kind: str) -> Any:
-    (found,) = (block for block in data["blocks"] if block["kind"] == kind)
-    return found
+    """Return the only block of a kind in a page's data."""
+    (only_block,) = (block for block in data["blocks"] if block["kind"] == kind)
+    return only_block
 
 
 def report_of(folder: Path, **known: Clusters) -> tuple[Report, dict[str, Section]]:
-    """A campaign's report, and its sections by id."""
+    """Return a campaign's report, and its sections by id."""
     with CampaignStore.open(folder) as store:
         reading = replace(Reading.of(store), **known)  # type: ignore[arg-type]
         report = campaign_report(store, reading=reading)
     return report, {section.id: section for section in report.sections}
 
 
-def told(number: int, outcome: Outcome, is_random: bool = True) -> TestSummary:
+def summary_of(number: int, outcome: Outcome, is_random: bool = True) -> TestSummary:
     moobd = {Outcome.PASS: 1.0, Outcome.FAIL: -number / 10.0}.get(outcome)
     return TestSummary(number, outcome, moobd, is_random, {})
 
 
-def alike(*ids: int) -> Cluster:
+def cluster_of(*ids: int) -> Cluster:
     return Cluster(ids, ids[0], ids[0], -1.0, "left", 0.1, "leaves to the left")
 
 
 # The page
 
 
-def test_page_needs_nothing_else_and_is_the_same_each_time(searched: Path, tmp_path: Path) -> None:
+def test_a_page_needs_no_other_file_and_is_the_same_each_time(
+    searched: Path, tmp_path: Path
+) -> None:
     path = write_report(searched, tmp_path / "r.html")
     page = page_of(path)
     assert all(address.startswith("#") for address in page.addresses)
@@ -126,8 +131,8 @@ def test_page_needs_nothing_else_and_is_the_same_each_time(searched: Path, tmp_p
     for text in (page.texts["script"][1], *page.texts["style"]):
         assert base64.b64encode(hashlib.sha256(text.encode()).digest()).decode() in allowed
     assert path.stat().st_size < 2e6
-    again = write_report(str(searched), tmp_path / "2.html")
-    assert again.read_bytes() == path.read_bytes()
+    second_path = write_report(str(searched), tmp_path / "2.html")
+    assert second_path.read_bytes() == path.read_bytes()
 
 
 def test_no_text_from_outside_becomes_markup(searched: Path, tmp_path: Path) -> None:
@@ -152,7 +157,7 @@ def test_a_section_id_that_cannot_be_used_is_refused(name: str) -> None:
         render(Report("x", sections))
 
 
-def test_a_section_of_ones_own_is_shown(searched: Path, tmp_path: Path) -> None:
+def test_a_section_of_the_caller_is_shown(searched: Path, tmp_path: Path) -> None:
     blocks = (
         Paragraph("Two tools."),
         Facts({"tools": "2"}),
@@ -164,13 +169,13 @@ def test_a_section_of_ones_own_is_shown(searched: Path, tmp_path: Path) -> None:
     assert page.data["blocks"][-1]["series"][0]["y"] == [None, 4.0]
 
 
-# What it says
+# Sections
 
 
-def test_headline_counts_what_the_campaign_holds(searched: Path) -> None:
+def test_the_headline_has_the_counts_of_the_campaign(searched: Path) -> None:
     with CampaignStore.open(searched) as store:
         counts = store.counts()
-        every, few = (distinct_failures(store, limit) for limit in (None, 3))
+        clusters, worst_clusters = (distinct_failures(store, limit) for limit in (None, 3))
     report, sections = report_of(searched)
     (headline,) = sections["summary"].blocks
     assert isinstance(headline, DataBlock)
@@ -178,17 +183,17 @@ def test_headline_counts_what_the_campaign_holds(searched: Path) -> None:
     assert tiles["simulations"][0] == str(counts.simulations) == "150"
     share = f"{100.0 * counts.failures / counts.simulations:.1f}\u00a0% of simulations"
     assert counts.failing_repeats > 1
-    told = f"{share}, and {counts.failing_repeats} repeats"
-    assert tiles["failures"] == (str(counts.failed - counts.failing_repeats), told)
-    late = sum(one.ids[0] > 0.8 * counts.tests for one in every)
-    said = f"{late} of them first seen in the last fifth"
-    assert tiles["distinct failures"] == (str(len(every)), said)
-    assert tiles["causes"][0] == str(len(every.causes))
+    note = f"{share}, and {counts.failing_repeats} repeats"
+    assert tiles["failures"] == (str(counts.failed - counts.failing_repeats), note)
+    late = sum(cluster.ids[0] > 0.8 * counts.tests for cluster in clusters)
+    note = f"{late} of them first seen in the last fifth"
+    assert tiles["distinct failures"] == (str(len(clusters)), note)
+    assert tiles["causes"][0] == str(len(clusters.causes))
     assert ("invalid roads" in tiles) is (counts.invalid > 0)
-    assert report.title.endswith(f" of {len(every)} distinct failures in 150 simulations")
+    assert report.title.endswith(f" of {len(clusters)} distinct failures in 150 simulations")
     assert headline.data["warning"] == ""
-    some, _ = report_of(searched, clusters=few)
-    assert f" of at least {len(few)} distinct failure" in some.title
+    some, _ = report_of(searched, clusters=worst_clusters)
+    assert f" of at least {len(worst_clusters)} distinct failure" in some.title
 
 
 def test_the_headline_says_the_conditions_of_all_drives(tmp_path: Path) -> None:
@@ -234,13 +239,13 @@ def test_a_campaign_without_failures_shows_its_nearest_misses(tmp_path: Path) ->
     for number, known in ((5, {}), (2, {"misses": few})):
         report, sections = report_of(tmp_path / "calm", **known)
         (gallery,) = sections["failures"].blocks
-        shown = [one["most_severe"] for one in gallery.data["clusters"]]  # type: ignore[union-attr]
-        assert shown == [one.most_severe for one in misses][:number]
+        shown = [item["most_severe"] for item in gallery.data["clusters"]]  # type: ignore[union-attr]
+        assert shown == [miss.most_severe for miss in misses][:number]
         outcomes = {drive["id"]: drive["outcome"] for drive in report.data["drives"]}
         assert {outcomes[i] for i in shown} == {"PASS"}
 
 
-def test_drives_come_back_as_they_were_stored(searched: Path) -> None:
+def test_drives_of_the_page_equal_the_stored_drives(searched: Path) -> None:
     data = page_of(searched / "report.html").data
     assert data["resolutions"] == COLUMNS
     close = {"heading": 0.02, "steering": 0.02, "lateral_acceleration": 0.5, "speed": 0.1}
@@ -249,8 +254,8 @@ def test_drives_come_back_as_they_were_stored(searched: Path) -> None:
         for drive in data["drives"][:20]:
             test = store.test(drive["id"])
             assert test.drive is not None
-            path, seen = test.drive.trajectory, assess(test.road, test.drive)
-            n = len(seen.distance)
+            path, assessment = test.drive.trajectory, assess(test.road, test.drive)
+            n = len(assessment.distance)
             shown = {
                 name: step * np.cumsum(np.cumsum(column))
                 for (name, step), column in zip(COLUMNS.items(), drive["columns"], strict=True)
@@ -260,15 +265,15 @@ def test_drives_come_back_as_they_were_stored(searched: Path) -> None:
             assert time[-1] == pytest.approx(path.time[n - 1], abs=0.006)
             assert shown["oob_distance"].min() == pytest.approx(test.moobd, abs=0.006)
             for name, by in close.items():
-                stored = seen.distance if name == "distance" else getattr(path, name)[:n]
+                stored = assessment.distance if name == "distance" else getattr(path, name)[:n]
                 wanted = np.interp(time, path.time[:n], stored)
                 assert shown[name] == pytest.approx(wanted, abs=by)
             road = drive["road"]
-            again = Road(road["curvatures"], road["step"], road["pose"], lane_width=4.0)
-            assert np.abs(again.points - test.road.points).max() < 0.05
+            read_road = Road(road["curvatures"], road["step"], road["pose"], lane_width=4.0)
+            assert np.abs(read_road.points - test.road.points).max() < 0.05
 
 
-def test_roads_of_a_class_come_with_their_slopes(sloping: Path, searched: Path) -> None:
+def test_roads_of_a_class_have_their_slopes(sloping: Path, searched: Path) -> None:
     page = page_of(sloping / "report.html")
     with CampaignStore.open(sloping) as store:
         for drive in page.data["drives"]:
@@ -284,34 +289,36 @@ def test_roads_of_a_class_come_with_their_slopes(sloping: Path, searched: Path) 
 def test_the_worst_record_of_a_drive_is_kept() -> None:
     road = Road([0.0] * 12)
     drive = EmbeddedSimulator().drive(road, Planner())
-    seen = assess(road, drive)
+    assessment = assess(road, drive)
     for worst in (31, 32, 33):
-        oob = np.where(np.arange(len(seen.distance)) == worst, -1.0, seen.oob_distance)
-        columns = drive_columns(drive.trajectory, replace(seen, oob_distance=oob))
+        oob = np.where(np.arange(len(assessment.distance)) == worst, -1.0, assessment.oob_distance)
+        columns = drive_columns(drive.trajectory, replace(assessment, oob_distance=oob))
         shown = dict(zip(COLUMNS, columns, strict=True))["oob_distance"]
         assert 0.01 * np.cumsum(np.cumsum(shown)).min() == pytest.approx(-1.0)
 
 
-def test_every_cluster_can_be_opened_or_it_is_said(
+def test_every_cluster_can_be_opened_or_the_page_counts_the_others(
     searched: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     with CampaignStore.open(searched) as store:
         clusters = distinct_failures(store)
     report, sections = report_of(searched)
-    assert {one.most_severe for one in clusters} <= {one["id"] for one in report.data["drives"]}
+    assert {cluster.most_severe for cluster in clusters} <= {
+        drive["id"] for drive in report.data["drives"]
+    }
     _, gallery = sections["failures"].blocks
     moobds = {drive["id"]: drive["moobd"] for drive in report.data["drives"]}
     examples = [cause.example for cause in clusters.causes]
-    first = [one["shown"][0] for one in gallery.data["clusters"]]  # type: ignore[union-attr]
+    first = [item["shown"][0] for item in gallery.data["clusters"]]  # type: ignore[union-attr]
     assert first[: len(examples)] == examples
-    for one in gallery.data["clusters"]:  # type: ignore[union-attr]
-        assert one["shown"] == sorted(one["shown"], key=lambda i: (i not in examples, moobds[i]))
-    assert any(len(one["shown"]) > 1 for one in gallery.data["clusters"])  # type: ignore[union-attr]
+    for item in gallery.data["clusters"]:  # type: ignore[union-attr]
+        assert item["shown"] == sorted(item["shown"], key=lambda i: (i not in examples, moobds[i]))
+    assert any(len(item["shown"]) > 1 for item in gallery.data["clusters"])  # type: ignore[union-attr]
     monkeypatch.setattr("frenetic.report.html.campaign.DRIVES_SIZE", 20_000)
     report, sections = report_of(searched)
     drives = report.data["drives"]
     assert 2 <= len(drives) < 10
-    heads = [i for one in clusters for i in (one.most_severe, one.typical)]
+    heads = [i for cluster in clusters for i in (cluster.most_severe, cluster.typical)]
     assert [drive["id"] for drive in drives] == list(dict.fromkeys([*examples, *heads]))[
         : len(drives)
     ]
@@ -319,11 +326,13 @@ def test_every_cluster_can_be_opened_or_it_is_said(
 
 
 def test_timeline_ends_with_the_counts_and_continues_the_random_share() -> None:
-    tests = [told(i, Outcome.FAIL if i % 4 == 0 else Outcome.PASS) for i in range(1, 21)]
-    tests += [told(i, Outcome.INVALID) for i in range(21, 26)]
-    tests += [told(i, Outcome.FAIL, False) for i in range(26, 31)]
-    tests += [told(31, Outcome.DROPPED, False)]
-    clusters = Clusters((alike(4, 8, 26), alike(12, 16, 20, 27), alike(28, 29, 30)), 2.0)
+    tests = [summary_of(i, Outcome.FAIL if i % 4 == 0 else Outcome.PASS) for i in range(1, 21)]
+    tests += [summary_of(i, Outcome.INVALID) for i in range(21, 26)]
+    tests += [summary_of(i, Outcome.FAIL, False) for i in range(26, 31)]
+    tests += [summary_of(31, Outcome.DROPPED, False)]
+    clusters = Clusters(
+        (cluster_of(4, 8, 26), cluster_of(12, 16, 20, 27), cluster_of(28, 29, 30)), 2.0
+    )
     chart = timeline_of(tests, clusters)
     assert chart is not None
     failures, distinct, expected = chart.series
@@ -338,7 +347,9 @@ def test_timeline_ends_with_the_counts_and_continues_the_random_share() -> None:
 
 
 def test_a_long_timeline_is_thinned_and_one_without_random_roads_expects_nothing() -> None:
-    tests = [told(i, Outcome.FAIL if i % 10 else Outcome.PASS, False) for i in range(1, 10_001)]
+    tests = [
+        summary_of(i, Outcome.FAIL if i % 10 else Outcome.PASS, False) for i in range(1, 10_001)
+    ]
     chart = timeline_of(tests, Clusters((), 2.0))
     assert chart is not None
     failures, _ = chart.series
@@ -376,7 +387,7 @@ def test_table_has_every_test(searched: Path) -> None:
                 assert table["duration"][row] == pytest.approx(test.result.duration, abs=0.051)
 
 
-# What else the campaign's folder holds
+# Reruns and minimised roads in the campaign's folder
 
 
 @pytest.fixture
@@ -387,7 +398,7 @@ def copied(searched: Path, tmp_path: Path) -> tuple[Path, list[int]]:
         return folder, [test.id for test in store.tests(Outcome.FAIL, limit=3)]
 
 
-def test_the_telling_rerun_of_a_failure_is_shown(copied: tuple[Path, list[int]]) -> None:
+def test_the_most_informative_rerun_of_a_failure_is_shown(copied: tuple[Path, list[int]]) -> None:
     folder, (first, *_) = copied
     slow, grip = [Variation("speed", 30.0, 30.0)], [Variation("friction", 1.0, 1.0)]
     for aggression, variations in ((1.0, slow), (0.9, grip), (1.0, ())):
@@ -418,7 +429,7 @@ def test_minimised_roads_are_shown(copied: tuple[Path, list[int]]) -> None:
     (folder / foreign).write_text(json.dumps(document))
     road = f"failures/test-{second:05d}.json"
     (folder / road).write_text("{}")
-    drives = {one["id"]: one for one in page_of(write_report(folder)).data["drives"]}
+    drives = {drive["id"]: drive for drive in page_of(write_report(folder)).data["drives"]}
     short = drives[first]["minimised"]
     assert short["file"] == small
     assert len(short["drive"]["road"]["curvatures"]) < len(drives[first]["road"]["curvatures"])
@@ -432,21 +443,21 @@ def test_minimised_roads_are_shown(copied: tuple[Path, list[int]]) -> None:
     document = json.loads((folder / small).read_text())
     document["minimised"]["test"] = "x"
     (folder / small).write_text(json.dumps(document))
-    drives = {one["id"]: one for one in page_of(write_report(folder)).data["drives"]}
+    drives = {drive["id"]: drive for drive in page_of(write_report(folder)).data["drives"]}
     assert drives[first]["minimised"] is None
 
 
 def test_failures_in_other_simulators_are_shown(copied: tuple[Path, list[int]]) -> None:
     folder, failures = copied
-    there = rerun(folder, EmbeddedSimulator(friction=0.8), Planner(), tests=failures)
+    report = rerun(folder, EmbeddedSimulator(friction=0.8), Planner(), tests=failures)
     page = page_of(write_report(folder))
     assert block_of(page.data, "gallery")["elsewhere"] == [
         {
-            "test": one.id,
+            "test": test.id,
             "where": "embedded,friction=0.8",
-            "text": f"{one.verdict}: {one.drives[0].reason}",
+            "text": f"{test.verdict}: {test.drives[0].reason}",
         }
-        for one in there.tests
+        for test in report.tests
     ]
     assert set(failures) <= {drive["id"] for drive in page.data["drives"]}
 
@@ -455,21 +466,21 @@ def test_failures_in_other_simulators_are_shown(copied: tuple[Path, list[int]]) 
 
 
 @pytest.mark.parametrize(
-    ("changes", "said"),
+    ("changes", "sentence"),
     [
         ({}, "started from Python"),
         ({"workers": 4}, "The same seed gives the same campaign"),
         ({"budget": {"simulations": None, "time": 60}}, "machine's speed"),
     ],
 )
-def test_it_is_said_whether_a_campaign_can_be_repeated(
-    searched: Path, changes: Mapping[str, Any], said: str
+def test_the_page_says_whether_a_campaign_can_be_repeated(
+    searched: Path, changes: Mapping[str, Any], sentence: str
 ) -> None:
     with CampaignStore.open(searched) as store:
         config = {**store.config, **changes}
-    (how, *_) = configuration(searched, config, {}).blocks
-    assert isinstance(how, Paragraph)
-    assert said in how.text
+    (paragraph, *_) = configuration(searched, config, {}).blocks
+    assert isinstance(paragraph, Paragraph)
+    assert sentence in paragraph.text
 
 
 def test_the_command_repeats_the_campaign(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -490,12 +501,15 @@ def test_the_command_repeats_the_campaign(tmp_path: Path, monkeypatch: pytest.Mo
 
 
 def invoke(*arguments: str) -> Any:
+    """Run a command that must succeed."""
     done = CliRunner().invoke(cli, arguments)
     assert done.exit_code == 0, done.output
     return done
 
 
-def test_what_cannot_be_written_is_one_line(searched: Path, tmp_path: Path) -> None:
+def test_a_report_that_cannot_be_written_is_a_one_line_error(
+    searched: Path, tmp_path: Path
+) -> None:
     (tmp_path / "folder.html").mkdir()
     for place in (tmp_path / "nowhere" / "r.html", tmp_path / "folder.html"):
         with pytest.raises(FreneticError, match=r"^[^\n]* cannot be written: [^\n]*another place"):
@@ -504,14 +518,16 @@ def test_what_cannot_be_written_is_one_line(searched: Path, tmp_path: Path) -> N
         write_report(tmp_path)
 
 
-def test_report_command_says_where(searched: Path, tmp_path: Path) -> None:
+def test_the_report_command_prints_the_path(searched: Path, tmp_path: Path) -> None:
     out = tmp_path / "r.html"
     assert invoke("report", str(searched), "--out", str(out)).stdout == f"Report:      {out}\n"
     assert page_of(out).data["campaign"] == shlex.quote(str(searched))
 
 
 @pytest.mark.parametrize("is_possible", [True, False])
-def test_a_search_ends_with_a_report_or_loses_nothing(tmp_path: Path, is_possible: bool) -> None:
+def test_a_search_writes_a_report_or_keeps_its_results_without_one(
+    tmp_path: Path, is_possible: bool
+) -> None:
     folder = tmp_path / "c"
     if not is_possible:
         (folder / "report.html").mkdir(parents=True)

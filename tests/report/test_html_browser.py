@@ -1,4 +1,4 @@
-"""The HTML report as a browser shows it, see ``browsing``."""
+"""The HTML report in a browser; ``browsing`` starts it."""
 
 from __future__ import annotations
 
@@ -45,11 +45,12 @@ from frenetic.simulators import EmbeddedSimulator
 pytest_plugins = ["browsing", "reported_campaign"]
 pytestmark = pytest.mark.heavy
 Show = Callable[..., Page]
-PHONE = {"viewport": {"width": 390, "height": 844}, "has_touch": True}
+PHONE = {"viewport": {"width": 390, "height": 844}, "has_touch": True}  # pixels
 
 
 @pytest.fixture
 def page(show: Show, searched: Path) -> Page:
+    """The report of `searched`, opened."""
     return show(searched / "report.html")
 
 
@@ -59,7 +60,7 @@ def clusters_of(folder: Path) -> Clusters:
 
 
 def open_first(page: Page, folder: Path) -> Test:
-    """Opens the first failure."""
+    """Open the first failure and return its test."""
     page.locator(".gallery .card").first.click()
     number = int(re.findall(r"\d+", page.locator("#player-title").text_content() or "")[0])
     with CampaignStore.open(folder) as store:
@@ -67,12 +68,14 @@ def open_first(page: Page, folder: Path) -> Test:
 
 
 def run(*arguments: str) -> str:
+    """Run a command that must succeed; return its output."""
     done = CliRunner().invoke(cli, arguments)
     assert done.exit_code == 0, done.output
     return done.output
 
 
 def seconds(page: Page) -> float:
+    """Return the time at which the player stands, in s."""
     return float(page.locator("#scrub").input_value())
 
 
@@ -83,7 +86,7 @@ def box_of(element: Locator) -> dict[str, float]:
 
 
 def text_box(element: Locator) -> dict[str, float]:
-    """The box of an element's text alone."""
+    """Return the box of an element's text, without the rest of the element."""
     box: dict[str, float] = element.evaluate(
         "el => { const r = document.createRange(); r.selectNodeContents(el);"
         " return r.getBoundingClientRect().toJSON(); }"
@@ -95,23 +98,23 @@ def bottom(box: dict[str, float]) -> float:
     return box["y"] + box["height"]
 
 
-def overlap(one: dict[str, float], other: dict[str, float]) -> bool:
+def overlap(first: dict[str, float], second: dict[str, float]) -> bool:
     return (
-        one["x"] < other["x"] + other["width"]
-        and other["x"] < one["x"] + one["width"]
-        and one["y"] < bottom(other)
-        and other["y"] < bottom(one)
+        first["x"] < second["x"] + second["width"]
+        and second["x"] < first["x"] + first["width"]
+        and first["y"] < bottom(second)
+        and second["y"] < bottom(first)
     )
 
 
 def cursor(page: Page) -> float:
-    """Where the cursor of the profiles is, as a share of their width."""
+    """Return the place of the cursor in the profiles, as a share of their width."""
     area, line = box_of(page.locator("#profiles")), box_of(page.locator("#cursor"))
     return (line["x"] - area["x"]) / area["width"]
 
 
 def car(page: Page) -> tuple[float, float]:
-    """Where the car is, in m on the turned map."""
+    """Return the position of the car, in m on the turned map."""
     moved = page.locator("#car").get_attribute("transform") or ""
     x, y = re.findall(r"-?[\d.]+", moved)[:2]
     return float(x), float(y)
@@ -120,7 +123,7 @@ def car(page: Page) -> tuple[float, float]:
 # The player
 
 
-def test_replay_moves_the_car_and_the_cursor(page: Page) -> None:
+def test_the_replay_moves_the_car_and_the_cursor(page: Page) -> None:
     page.locator(".gallery .card").first.click()
     page.keyboard.press("Home")
     assert seconds(page) == 0.0
@@ -141,7 +144,7 @@ def test_replay_moves_the_car_and_the_cursor(page: Page) -> None:
     assert seconds(page) == pytest.approx(float(page.locator("#scrub").get_attribute("max") or 0))
 
 
-def test_a_failure_opens_shortly_before_the_departure(page: Page, searched: Path) -> None:
+def test_a_failure_opens_2_to_3_s_before_the_departure(page: Page, searched: Path) -> None:
     test = open_first(page, searched)
     assert test.departure is not None
     assert 2.0 < test.departure.time - seconds(page) < 3.0
@@ -179,7 +182,7 @@ def test_a_drive_without_departure_opens_before_its_failure_or_at_the_start(
     assert seconds(page) == pytest.approx(wanted, abs=0.06)
 
 
-def test_replay_shows_how_the_driver_drove_and_where(page: Page, searched: Path) -> None:
+def test_the_replay_shows_the_values_and_the_place_of_the_drive(page: Page, searched: Path) -> None:
     test = open_first(page, searched)
     page.keyboard.press("Home")
     assert test.drive is not None
@@ -198,15 +201,15 @@ def test_replay_shows_how_the_driver_drove_and_where(page: Page, searched: Path)
         for row in page.locator(".plot-name").all()
     }
     sideways, pedals = path.lateral_acceleration[-1], (path.throttle[-1], path.brake[-1])
-    found = shown["lateral acceleration"].replace("−", "-").split(" ")
-    assert float(found[0]) == pytest.approx(sideways, abs=0.06)
-    assert found[1] == "m/s²"
-    assert shown["throttle, brake"] == "{:.0f}, {:.0f} %".format(*(100 * one for one in pedals))
+    value_and_unit = shown["lateral acceleration"].replace("−", "-").split(" ")
+    assert float(value_and_unit[0]) == pytest.approx(sideways, abs=0.06)
+    assert value_and_unit[1] == "m/s²"
+    assert shown["throttle, brake"] == "{:.0f}, {:.0f} %".format(*(100 * pedal for pedal in pedals))
     units = {"oob distance": " m", "speed": " km/h", "steering": "°", "curvature": "1/\u2060m"}
     assert all(shown[name].endswith(unit) for name, unit in units.items())
     driven = math.dist((path.x[0], path.y[0]), (path.x[-1], path.y[-1]))
     assert math.dist(car(page), start) == pytest.approx(driven, abs=0.1)
-    # The page has made the road out of its curvatures.
+    # The page has computed the road from its curvatures.
     centre = page.locator("dialog .scene .centre").first.get_attribute("d") or ""
     points = [tuple(map(float, p.split())) for p in centre.strip("M").split("L")]
     ends = test.road.points[[0, -1]]
@@ -218,7 +221,7 @@ def test_replay_shows_how_the_driver_drove_and_where(page: Page, searched: Path)
     assert sizes == pytest.approx([test.drive.car.length, test.drive.car.width], abs=1e-3)
 
 
-def test_replay_shows_heights_slopes_and_widened_lanes(show: Show, sloping: Path) -> None:
+def test_the_replay_shows_heights_slopes_and_widened_lanes(show: Show, sloping: Path) -> None:
     page = show(sloping / "report.html")
     test = open_first(page, sloping)
     road = test.road
@@ -239,22 +242,22 @@ def test_replay_shows_heights_slopes_and_widened_lanes(show: Show, sloping: Path
         assert float(number) == pytest.approx(value, abs=0.06)
         assert unit == ("m" if name == "height" else "%")
     edges = [
-        np.array([p.split() for p in (one.get_attribute("d") or "").strip("M").split("L")], float)
-        for one in page.locator("dialog .stage-main .scene .edge").all()
+        np.array([p.split() for p in (edge.get_attribute("d") or "").strip("M").split("L")], float)
+        for edge in page.locator("dialog .stage-main .scene .edge").all()
     ]
     widths = np.hypot(*(edges[0] - edges[1]).T)
     places = np.linspace(0.0, road.length, len(widths))
     wanted = 2.0 * (road.lane_width + profile.value_at(road.widening, places))
     assert widths == pytest.approx(wanted, abs=0.02)
     assert np.ptp(widths) > 0.5
-    # A road of a kilometre has room for its ticks, and its car is seen.
+    # On a road of a kilometre the ticks do not overlap, and the car is large enough to see.
     ticks = [box_of(tick) for tick in page.locator(".plot-ticks span").all()]
     assert all(a["x"] + a["width"] < b["x"] for a, b in pairwise(ticks))
     assert float(page.locator("#car .body").get_attribute("width") or 0) > 9.0
     expect(page.locator("dialog .facts")).to_contain_text(road.as_text())
 
 
-def test_keyboard_alone_is_enough(page: Page) -> None:
+def test_gallery_and_player_work_with_the_keyboard(page: Page) -> None:
     cards, title = page.locator(".gallery .card"), page.locator("#player-title")
     cards.first.focus()
     page.keyboard.press("ArrowRight")
@@ -283,22 +286,22 @@ def test_keyboard_alone_is_enough(page: Page) -> None:
     expect(cards.nth(1)).to_be_focused()
 
 
-def test_a_test_has_an_address_of_its_own(show: Show, searched: Path) -> None:
+def test_each_test_has_an_address(show: Show, searched: Path) -> None:
     page = show(searched / "report.html")
     cards, title = page.locator(".gallery > .cluster > .card"), page.locator("#player-title")
     ids = cards.evaluate_all("els => els.map(el => el.dataset.test)")
     cards.nth(1).click()
     address = page.evaluate("location.hash")
     assert address == f"#test-{ids[1]}"
-    again = show(searched / "report.html", fragment=address)
-    expect(again.locator("#player-title")).to_have_text(title.text_content() or "")
-    expect(again.locator(".player-nav")).to_contain_text(f"2 of {len(clusters_of(searched))}")
+    reopened = show(searched / "report.html", fragment=address)
+    expect(reopened.locator("#player-title")).to_have_text(title.text_content() or "")
+    expect(reopened.locator(".player-nav")).to_contain_text(f"2 of {len(clusters_of(searched))}")
     for name, number in (("Next", ids[2]), ("Previous", ids[1]), ("Previous", ids[0])):
-        again.get_by_role("button", name=f"{name} test").click()
-        expect(again.locator("#player-title")).to_contain_text(f"Test {number} ")
+        reopened.get_by_role("button", name=f"{name} test").click()
+        expect(reopened.locator("#player-title")).to_contain_text(f"Test {number} ")
 
 
-def test_commands_can_be_copied_and_pasted(show: Show, tmp_path: Path) -> None:
+def test_copied_commands_run(show: Show, tmp_path: Path) -> None:
     folder = tmp_path / "it's a night"
     options = ("--failures", "2", "--seed", "1", "--workers", "1", "--with", "noise=0.1")
     run("run", *options, "--out", str(folder))
@@ -322,16 +325,16 @@ def test_commands_can_be_copied_and_pasted(show: Show, tmp_path: Path) -> None:
 # Charts
 
 
-def pointed(page: Page, share: float) -> tuple[float, float]:
-    """A place in the first chart, so far from its left edge."""
+def place_in_chart(page: Page, share: float) -> tuple[float, float]:
+    """Return a place in the first chart, at a share of its width."""
     over = page.locator(".block-chart .u-over")
     over.scroll_into_view_if_needed()
     box = box_of(over)
     return box["x"] + share * box["width"], box["y"] + 60
 
 
-def said(page: Page) -> tuple[int, dict[str | None, str | None]]:
-    """Where the first chart's cursor is, and the values there."""
+def tip_values(page: Page) -> tuple[int, dict[str | None, str | None]]:
+    """Return the number of tests at the first chart's cursor, and the values there."""
     tip = page.locator(".block-chart .chart-tip")
     rows = {
         row.locator("span").text_content(): row.locator("b").text_content()
@@ -340,13 +343,13 @@ def said(page: Page) -> tuple[int, dict[str | None, str | None]]:
     return int(re.findall(r"^(\d+) ", tip.locator("p").first.text_content() or "")[0]), rows
 
 
-def test_chart_says_what_it_shows_where_one_points(page: Page, searched: Path) -> None:
+def test_the_chart_shows_the_values_at_the_mouse(page: Page, searched: Path) -> None:
     with CampaignStore.open(searched) as store:
         driven = [test for test in store.tests() if test.outcome in ("PASS", "FAIL", "ERROR")]
         repeats = store.repeats()
     legend = page.locator(".block-chart .legend button")
-    page.mouse.move(*pointed(page, 0.6))
-    at, rows = said(page)
+    page.mouse.move(*place_in_chart(page, 0.6))
+    at, rows = tip_values(page)
     assert at == pytest.approx(90, abs=2)
     failed = [
         test.id for test in driven[:at] if test.outcome is Outcome.FAIL and test.id not in repeats
@@ -355,16 +358,18 @@ def test_chart_says_what_it_shows_where_one_points(page: Page, searched: Path) -
     assert list(rows) == legend.all_text_contents()
     expect(page.locator(".chart-tip")).to_contain_text(f"Latest failure: test {failed[-1]}.")
     legend.filter(has_text="distinct failures").first.click()
-    page.mouse.move(*pointed(page, 0.6))
-    assert "distinct failures" not in said(page)[1]
+    page.mouse.move(*place_in_chart(page, 0.6))
+    assert "distinct failures" not in tip_values(page)[1]
     page.mouse.down()
     page.mouse.up()
     expect(page.locator("#player-title")).to_contain_text(f"Test {failed[-1]} FAIL")
 
 
-def test_a_finger_reads_the_chart_before_it_opens_a_test(show: Show, searched: Path) -> None:
+def test_the_first_tap_shows_values_and_the_second_opens_the_test(
+    show: Show, searched: Path
+) -> None:
     page = show(searched / "report.html", **PHONE)
-    place = pointed(page, 0.6)
+    place = place_in_chart(page, 0.6)
     page.touchscreen.tap(*place)
     expect(page.locator(".chart-tip")).to_contain_text("Latest failure")
     expect(page.locator("dialog")).to_be_hidden()
@@ -372,13 +377,13 @@ def test_a_finger_reads_the_chart_before_it_opens_a_test(show: Show, searched: P
     expect(page.locator("dialog")).to_be_visible()
 
 
-def test_chart_is_read_with_the_keyboard(page: Page) -> None:
+def test_the_chart_can_be_read_with_the_keyboard(page: Page) -> None:
     page.locator(".block-chart .chart-drawing").focus()
     page.keyboard.press("ArrowRight")
-    first, _ = said(page)
+    first, _ = tip_values(page)
     for _ in range(60):
         page.keyboard.press("ArrowRight")
-    assert said(page)[0] > first + 50
+    assert tip_values(page)[0] > first + 50
     tip = page.locator(".block-chart .chart-tip")
     number = re.findall(r"test (\d+)", tip.text_content() or "")[0]
     page.keyboard.press("Enter")
@@ -389,17 +394,18 @@ def test_chart_is_read_with_the_keyboard(page: Page) -> None:
 
 
 def heads(page: Page) -> list[int]:
+    """Return the tests that stand for the clusters in the gallery."""
     more = page.locator("#failures button.more")
     if more.is_visible():
         more.click()
     cards = page.locator(".gallery > .cluster > .card")
-    found: list[str] = cards.evaluate_all("els => els.map(el => el.dataset.test)")
-    return sorted(map(int, found))
+    numbers: list[str] = cards.evaluate_all("els => els.map(el => el.dataset.test)")
+    return sorted(map(int, numbers))
 
 
-def test_the_example_of_a_cause_is_described_itself(page: Page, searched: Path) -> None:
+def test_the_card_of_a_causes_example_describes_the_example(page: Page, searched: Path) -> None:
     causes = clusters_of(searched).causes
-    severe = {one.most_severe for cause in causes for one in cause.clusters}
+    severe = {cluster.most_severe for cause in causes for cluster in cause.clusters}
     examples = [cause.example for cause in causes if cause.example not in severe]
     assert examples
     for example in examples:
@@ -407,7 +413,7 @@ def test_the_example_of_a_cause_is_described_itself(page: Page, searched: Path) 
         expect(text).to_contain_text(": leaves to the ")
 
 
-def test_failures_are_sorted_and_found(page: Page, searched: Path) -> None:
+def test_failures_can_be_sorted_and_searched(page: Page, searched: Path) -> None:
     clusters, search = clusters_of(searched), page.locator("#gallery-search")
     page.select_option("#gallery-side", "left")
     texts = page.locator(".gallery .card-text").all_text_contents()
@@ -417,13 +423,19 @@ def test_failures_are_sorted_and_found(page: Page, searched: Path) -> None:
     page.select_option("#gallery-sort", "first")
     assert len(heads(page)) == len(clusters)
     first = int(page.locator(".gallery .card").first.get_attribute("data-test") or 0)
-    assert first in min(clusters, key=lambda one: min(one.ids)).ids
+    assert first in min(clusters, key=lambda cluster: min(cluster.ids)).ids
     search.fill(" ENTERING left")
-    found = page.locator(".gallery > .cluster > .card .card-text").all_text_contents()
-    assert 0 < len(found) < len(clusters)
-    assert all({"entering", "left"} <= {*re.split(r"\W", text)} for text in found)
+    texts = page.locator(".gallery > .cluster > .card .card-text").all_text_contents()
+    assert 0 < len(texts) < len(clusters)
+    assert all({"entering", "left"} <= {*re.split(r"\W", text)} for text in texts)
     expect(page.locator("#failures .found")).to_have_text(f"{len(heads(page))} of {len(clusters)}")
-    member = next(i for one in clusters if len(one) > 1 for i in one.ids if i != one.most_severe)
+    member = next(
+        i
+        for cluster in clusters
+        if len(cluster) > 1
+        for i in cluster.ids
+        if i != cluster.most_severe
+    )
     search.fill(f"#{member}")
     assert heads(page) == [member]
     with CampaignStore.open(searched) as store:
@@ -431,10 +443,10 @@ def test_failures_are_sorted_and_found(page: Page, searched: Path) -> None:
         assert happens is not None
         expect(page.locator(".gallery .card-text").first).to_contain_text(describe(happens))
         failed = store.tests(Outcome.FAIL, with_repeats=False)
-        by = {test.id: test.candidate.origin.operator for test in failed}
-    operator = next(name for name in sorted(set(by.values())) if name != "random")
+        operators = {test.id: test.candidate.origin.operator for test in failed}
+    operator = next(name for name in sorted(set(operators.values())) if name != "random")
     search.fill(operator)
-    assert {by[i] for i in heads(page)} == {operator}
+    assert {operators[i] for i in heads(page)} == {operator}
     search.fill("no such words")
     expect(page.locator(".gallery")).to_have_text("None of these.")
     page.get_by_role("button", name="Clear").click()
@@ -450,12 +462,12 @@ def test_failures_are_sorted_and_found(page: Page, searched: Path) -> None:
     expect(members.first).to_be_hidden()
 
 
-def test_failures_are_chosen_by_robustness(show: Show, searched: Path, tmp_path: Path) -> None:
+def test_failures_can_be_filtered_by_robustness(show: Show, searched: Path, tmp_path: Path) -> None:
     folder = shutil.copytree(searched, tmp_path / "again")
     parts = ("--driver", "planner", "--simulator", "embedded", "--top", "2")
     run("rerun", str(folder), "--times", "20", *parts)
     page = show(write_report(folder))
-    everything = heads(page)
+    all_heads = heads(page)
     page.select_option("#gallery-robust", "repeatable")
     robust = heads(page)
     assert len(robust) == 2
@@ -464,11 +476,11 @@ def test_failures_are_chosen_by_robustness(show: Show, searched: Path, tmp_path:
     fail = page.locator(".card-line .outcome-fail").first.evaluate(colour)
     assert page.locator(".repeats.repeatable").first.evaluate(colour) == fail  # no success
     page.select_option("#gallery-robust", "none")
-    assert len(heads(page)) >= len(everything) - 2
+    assert len(heads(page)) >= len(all_heads) - 2
     assert not set(robust) & set(heads(page))
 
 
-def test_map_shows_the_roads_of_a_cell(page: Page) -> None:
+def test_the_map_shows_the_roads_of_a_cell(page: Page) -> None:
     total = "els => els.map(el => Number(el.textContent)).reduce((a, b) => a + b, 0)"
     cells, panel = page.locator(".cell"), page.locator(".map-panel")
     failures, before = cells.evaluate_all(total), cells.all_text_contents()
@@ -507,37 +519,37 @@ def test_map_shows_the_roads_of_a_cell(page: Page) -> None:
 
 def coverage_of(folder: Path) -> DomainCoverage:
     with CampaignStore.open(folder) as store:
-        found = domain_coverage(store.setting, store.tests())
-    assert found is not None
-    return found
+        coverage = domain_coverage(store.setting, store.tests())
+    assert coverage is not None
+    return coverage
 
 
-def test_the_domain_shows_its_cells_and_those_never_reached(show: Show, varied: Path) -> None:
-    page, found = show(varied / "report.html"), coverage_of(varied)
+def test_the_domain_shows_reached_and_unreached_cells(show: Show, varied: Path) -> None:
+    page, coverage = show(varied / "report.html"), coverage_of(varied)
     rows = page.locator(".domain > div")
-    expect(rows).to_have_count(len(found.singles))
-    for row, one in zip(rows.all(), found.singles, strict=True):
-        expect(row.locator("li")).to_have_count(one.count)
-        expect(row.locator("li.unreached")).to_have_count(one.never_reached)
-        expect(row.locator("[class*=failing-]")).to_have_count(one.failed)
-    assert sum(one.never_reached for one in found.singles) > 0
+    expect(rows).to_have_count(len(coverage.singles))
+    for row, single in zip(rows.all(), coverage.singles, strict=True):
+        expect(row.locator("li")).to_have_count(single.count)
+        expect(row.locator("li.unreached")).to_have_count(single.never_reached)
+        expect(row.locator("[class*=failing-]")).to_have_count(single.failed)
+    assert sum(single.never_reached for single in coverage.singles) > 0
     pairs = page.locator("#domain tbody tr", has=page.locator("a"))
-    numbers, first = pairs.first.locator("td").all_text_contents(), found.pairs[0]
+    numbers, first = pairs.first.locator("td").all_text_contents(), coverage.pairs[0]
     counts = first.count, first.driven, first.failed, first.never_reached
     assert numbers[:4] == [str(number) for number in counts]
-    text = found.gaps[0].as_text().replace(" -", " \u2212")
+    text = coverage.gaps[0].as_text().replace(" -", " \u2212")
     gaps = page.locator("#domain .table").last.locator("tbody tr")
     expect(gaps.first).to_contain_text(text, ignore_case=True)
 
 
 def test_a_pair_of_the_domain_opens_in_the_map(show: Show, varied: Path) -> None:
-    page, found = show(varied / "report.html"), coverage_of(varied)
+    page, coverage = show(varied / "report.html"), coverage_of(varied)
     page.get_by_role("link", name="gust, delay").click()
     expect(page.locator("#map-across")).to_have_value("gust")
     expect(page.locator("#map-up")).to_have_value("delay")
     expect(page.locator(".cells")).to_be_in_viewport()
-    pair = next(one for one in found.pairs if [a.name for a in one.axes] == ["gust", "delay"])
-    # Up is the delay, as usual at the bottom.
+    pair = next(pair for pair in coverage.pairs if [a.name for a in pair.axes] == ["gust", "delay"])
+    # The delay grows upwards.
     wanted = [str(n or "") for n in np.flipud(pair.failures.T).ravel().tolist()]
     assert page.locator(".cell").all_text_contents() == wanted
     expect(page.locator(".cell.empty")).to_have_count(pair.never_reached)
@@ -545,14 +557,14 @@ def test_a_pair_of_the_domain_opens_in_the_map(show: Show, varied: Path) -> None
     corner = page.locator(".cell-row").last.locator(".cell").first
     text = "Gust \u221220 to \u221210 m/s, Delay as usual: "
     expect(corner).to_have_attribute("title", re.compile(f"^{text}"))
-    again = show(varied / "report.html", fragment="#map:min_radius:max_curvature")
-    expect(again.locator(".map-x")).to_have_text("Least radius (m)")
-    expect(again.locator(".edges-x span").last).to_have_text("∞")
-    shown = show(varied / "report.html", fragment="#map:beauty:delay")
-    expect(shown.locator("#map-up")).to_have_value("mean_speed")
+    least_radius = show(varied / "report.html", fragment="#map:min_radius:max_curvature")
+    expect(least_radius.locator(".map-x")).to_have_text("Least radius (m)")
+    expect(least_radius.locator(".edges-x span").last).to_have_text("∞")
+    unknown_axis = show(varied / "report.html", fragment="#map:beauty:delay")
+    expect(unknown_axis.locator("#map-up")).to_have_value("mean_speed")
 
 
-def test_tests_are_sorted_and_found(page: Page, searched: Path) -> None:
+def test_tests_can_be_sorted_and_searched(page: Page, searched: Path) -> None:
     with CampaignStore.open(searched) as store:
         tests = {test.id: test for test in store.tests()}
     rows, ids = page.locator("#tests tbody tr"), page.locator("#tests tbody th")
@@ -580,18 +592,18 @@ def test_tests_are_sorted_and_found(page: Page, searched: Path) -> None:
 
 
 @pytest.mark.parametrize("theme", ["light", "dark"])
-def test_all_text_can_be_read(show: Show, searched: Path, theme: str) -> None:
+def test_all_text_has_enough_contrast(show: Show, searched: Path, theme: str) -> None:
     page = show(searched / "report.html", color_scheme=theme)
-    # What is folded, what is hovered over, and each shade of the map with a number in it.
+    # Unfold the details, and add each shade of the map with a number in it.
     page.evaluate(
         """() => {
           for (const details of document.querySelectorAll("details")) details.open = true;
           const added = (place, style, text) => {
-            const one = document.createElement("span");
-            one.className = style;
-            one.textContent = text;
-            document.querySelector(place).append(one);
-            return one;
+            const span = document.createElement("span");
+            span.className = style;
+            span.textContent = text;
+            document.querySelector(place).append(span);
+            return span;
           };
           for (const style of ["covered", "empty"]) added(".map-panel", `cell ${style}`, "12");
           for (const shade of ["severity", "count"]) {
@@ -600,7 +612,9 @@ def test_all_text_can_be_read(show: Show, searched: Path, theme: str) -> None:
               cell.style.setProperty("--tint", `var(--${shade}-${i})`);
             }
           }
-          for (const one of ["robust", "unclear", "fragile"]) added(".card", `repeats ${one}`, one);
+          for (const word of ["robust", "unclear", "fragile"]) {
+            added(".card", `repeats ${word}`, word);
+          }
         }"""
     )
     assert low_contrast(page) == []
@@ -619,7 +633,7 @@ def test_all_text_can_be_read(show: Show, searched: Path, theme: str) -> None:
 
 
 def has_colour(canvas: Locator, colour: tuple[int, int, int]) -> bool:
-    """Whether a chart has lines of a colour."""
+    """Return whether a chart has lines of a colour."""
     pixels = np.asarray(Image.open(io.BytesIO(canvas.screenshot())).convert("RGB"))
     return int((np.abs(pixels.astype(int) - colour).max(axis=2) < 8).sum()) > 50
 
@@ -670,7 +684,7 @@ def test_small_screens_need_no_scrolling_sideways(show: Show, searched: Path, wi
 
 def test_a_phone_shows_the_player_and_the_roads_of_a_cell(show: Show, searched: Path) -> None:
     page = show(searched / "report.html", **PHONE)
-    for name in ("nav", "#tests .table"):  # what goes on to the right says so
+    for name in ("nav", "#tests .table"):  # a box that goes on to the right fades out
         box = page.locator(name)
         expect(box).to_have_class(re.compile("goes-on"))
         assert box.evaluate("box => getComputedStyle(box).maskImage").startswith("linear-gradient")
@@ -682,7 +696,7 @@ def test_a_phone_shows_the_player_and_the_roads_of_a_cell(show: Show, searched: 
     page.locator(".gallery .card").first.click()
     area = box_of(page.locator("#profiles"))
     assert area["y"] + area["height"] < 844
-    # The widest value that there is.
+    # The widest possible value.
     page.locator(".plot-name .now").evaluate_all(
         "els => els.forEach(el => { el.textContent = '\u22120.044 1/\u2060m'; })"
     )
@@ -694,11 +708,11 @@ def test_a_phone_shows_the_player_and_the_roads_of_a_cell(show: Show, searched: 
     assert max(ends) <= area["x"]
 
 
-@pytest.mark.parametrize("wanted", [{}, PHONE], ids=["screen", "phone"])
-def test_axis_numbers_stand_on_no_curve_and_no_other_text(
-    show: Show, sloping: Path, wanted: dict[str, Any]
+@pytest.mark.parametrize("screen", [{}, PHONE], ids=["screen", "phone"])
+def test_axis_numbers_overlap_no_curve_and_no_other_text(
+    show: Show, sloping: Path, screen: dict[str, Any]
 ) -> None:
-    page = show(sloping / "report.html", **wanted)
+    page = show(sloping / "report.html", **screen)
     page.locator(".gallery .card").first.click()
     plots = [box_of(plot) for plot in page.locator("#profiles .plot").all()]
     assert len(plots) == 9
@@ -716,7 +730,7 @@ def test_axis_numbers_stand_on_no_curve_and_no_other_text(
 
 
 @pytest.mark.parametrize("density", [1, 2, 3])
-def test_numbers_of_a_chart_are_as_large_on_a_dense_screen(
+def test_numbers_of_a_chart_have_the_same_size_on_a_dense_screen(
     show: Show, searched: Path, density: int
 ) -> None:
     page = show(searched / "report.html", **PHONE, device_scale_factor=density)
@@ -728,7 +742,7 @@ def test_numbers_of_a_chart_are_as_large_on_a_dense_screen(
     assert 7.5 < (inked[-1] - inked[0] + 1) / density < 11.0  # [px], of figures 12 px large
 
 
-def test_paper_is_white_and_has_no_switches(show: Show, searched: Path) -> None:
+def test_a_printed_page_is_white_and_has_no_switches(show: Show, searched: Path) -> None:
     page = show(searched / "report.html", color_scheme="dark")
     details = page.locator("#configuration details")
     details.nth(1).locator("summary").click()
@@ -751,7 +765,7 @@ def test_paper_is_white_and_has_no_switches(show: Show, searched: Path) -> None:
     assert len(page.pdf(format="A4")) > 20_000
 
 
-# Texts from outside, and contents of one's own
+# Texts from outside, and sections of the caller
 
 
 def test_no_text_from_outside_is_run(show: Show, searched: Path, tmp_path: Path) -> None:
@@ -779,7 +793,7 @@ def test_a_script_that_is_not_ours_is_refused(browser: Browser, searched: Path) 
     page.close()
 
 
-def test_sections_of_ones_own_are_drawn(show: Show, searched: Path, tmp_path: Path) -> None:
+def test_sections_of_the_caller_are_drawn(show: Show, searched: Path, tmp_path: Path) -> None:
     line = Series("line", (0.0, 1.0), (1.0, 2.0), (0.5, 1.5), (1.5, 2.5), dashed=True)
     section = Section(
         id="bench",
@@ -804,18 +818,16 @@ def test_sections_of_ones_own_are_drawn(show: Show, searched: Path, tmp_path: Pa
     expect(page.locator("nav a").last).to_have_text("The bench")
 
 
-def test_a_replay_plays_within_a_page_that_lets_it_do_nothing_else(
-    show: Show, searched: Path, tmp_path: Path
-) -> None:
+def test_a_replay_plays_inside_another_page(show: Show, searched: Path, tmp_path: Path) -> None:
     with CampaignStore.open(searched) as store:
         (failure,) = store.tests(Outcome.FAIL, order_by="moobd", limit=1, with_trajectory=True)
     replay = animate(failure)
-    around = tmp_path / "notebook.html"
-    around.write_text(f"<!doctype html><meta charset='utf-8'>{replay.html}", encoding="utf-8")
-    page = show(around)
+    host_page = tmp_path / "notebook.html"
+    host_page.write_text(f"<!doctype html><meta charset='utf-8'>{replay.html}", encoding="utf-8")
+    page = show(host_page)
     frame = page.frame_locator("iframe")
     expect(frame.locator("#player-title")).to_contain_text(f"Test {failure.id}")
-    assert page.evaluate("document.activeElement.tagName") == "BODY"  # it took no focus
+    assert page.evaluate("document.activeElement.tagName") == "BODY"  # the replay took no focus
     before = frame.locator("#car").get_attribute("transform")
     frame.locator("#play").click()
     expect(frame.locator("#car")).not_to_have_attribute("transform", before or "")
@@ -827,7 +839,7 @@ def test_a_replay_plays_within_a_page_that_lets_it_do_nothing_else(
     assert seconds(alone) == 1.0
 
 
-def test_player_plays_what_the_camera_saw(show: Show, tmp_path: Path) -> None:
+def test_the_player_plays_the_camera_pictures(show: Show, tmp_path: Path) -> None:
     Campaign(
         strategy=RandomSearch(seed=3),
         simulator=EmbeddedSimulator(),

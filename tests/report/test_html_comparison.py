@@ -1,4 +1,4 @@
-"""The page of a comparison: what it says."""
+"""The page of a comparison: its contents."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from made_comparison import campaign, made, three_groups
+from sample_comparisons import campaign, comparison, three_groups
 
 from frenetic.analysis.comparison import Comparison, compare_measured
 from frenetic.errors import FreneticError
@@ -15,15 +15,17 @@ from frenetic.report.html.comparison import POINTS, comparison_report, write_com
 
 @pytest.fixture
 def three(tmp_path: Path) -> Comparison:
+    """A comparison of the groups low, high and never."""
     return three_groups(tmp_path)
 
 
-def blocks_of(comparison: Comparison, folder: Path) -> dict[str, list[Any]]:
-    report = comparison_report(comparison, folder)
+def blocks_of(groups: Comparison, folder: Path) -> dict[str, list[Any]]:
+    """Return the blocks of the page, by section."""
+    report = comparison_report(groups, folder)
     return {section.id: list(section.blocks) for section in report.sections}
 
 
-def test_groups_stand_in_the_order_of_the_headline_in_colours_of_their_own(
+def test_groups_have_the_order_of_the_headline_and_one_colour_each(
     three: Comparison, tmp_path: Path
 ) -> None:
     groups = [group for group, _ in blocks_of(three, tmp_path)["results"][0].data["rows"]]
@@ -31,7 +33,7 @@ def test_groups_stand_in_the_order_of_the_headline_in_colours_of_their_own(
     assert [group["role"] for group in groups] == ["group-1", "group-0", "group-2"]
 
 
-def test_table_has_medians_and_quartiles_and_what_does_not_vary_once(
+def test_the_table_has_medians_and_quartiles_and_constant_measures_once(
     three: Comparison, tmp_path: Path
 ) -> None:
     medians = blocks_of(three, tmp_path)["results"][0].data
@@ -42,11 +44,11 @@ def test_table_has_medians_and_quartiles_and_what_does_not_vary_once(
     assert medians["caption"].endswith("The same in all campaigns: cells of the feature map 7.")
 
 
-def test_curves_are_thinned_and_have_bands_where_there_are_enough(tmp_path: Path) -> None:
+def test_long_curves_are_thinned_and_large_groups_have_bands(tmp_path: Path) -> None:
     long = tuple(campaign(tmp_path / str(i), 9 + i, simulations=3000) for i in range(5))
     few = (campaign(tmp_path / "x", 4), campaign(tmp_path / "y", 6))
-    comparison = compare_measured({"long": long, "few": few})
-    chart, *_ = blocks_of(comparison, tmp_path)["curves"]
+    groups = compare_measured({"long": long, "few": few})
+    chart, *_ = blocks_of(groups, tmp_path)["curves"]
     distinct = {curve.name: curve for curve in chart.series}
     curve = distinct["long"]
     assert len(curve.x) == len(curve.y) == len(curve.low) == POINTS
@@ -56,7 +58,7 @@ def test_curves_are_thinned_and_have_bands_where_there_are_enough(tmp_path: Path
     assert (distinct["few"].low, len(distinct["few"].singles)) == ((), 2)
 
 
-def test_pairs_say_what_is_shown_and_claim_nothing_of_few(
+def test_pairs_state_the_difference_and_claim_nothing_about_few_repeats(
     three: Comparison, tmp_path: Path
 ) -> None:
     (table,) = blocks_of(three, tmp_path)["pairs"]
@@ -64,14 +66,14 @@ def test_pairs_say_what_is_shown_and_claim_nothing_of_few(
         ("distinct failures", "high has more than low", "1.00", "large", "0.024"),
         ("", "low has more than never", "1.00", "large", "0.024"),
     )
-    blocks = blocks_of(made(tmp_path, a=[1, 2], b=[8, 9]), tmp_path)
+    blocks = blocks_of(comparison(tmp_path, a=[1, 2], b=[8, 9]), tmp_path)
     (row, *_) = blocks["pairs"][0].rows
-    said = "a and b: too few repeats to tell"
-    assert row == ("distinct failures", said, "0.00", "–", "–")
+    verdict = "a and b: too few repeats to tell"
+    assert row == ("distinct failures", verdict, "0.00", "–", "–")
     assert [row["box"] for row in blocks["spreads"][0].data["panels"][0]["spreads"]] == [None] * 2
 
 
-def test_only_reports_that_are_there_are_linked(three: Comparison, tmp_path: Path) -> None:
+def test_only_existing_reports_are_linked(three: Comparison, tmp_path: Path) -> None:
     (table,) = blocks_of(three, tmp_path / "pages")["campaigns"]
     links = dict(zip((row[0] for row in table.rows), table.links, strict=True))
     assert links["../high-0"] == "../high-0/report.html"
@@ -80,12 +82,12 @@ def test_only_reports_that_are_there_are_linked(three: Comparison, tmp_path: Pat
     folder = tmp_path / "javascript:alert(1)#?"
     folder.mkdir()
     (folder / "report.html").write_text("x")
-    comparison = compare_measured({"a": (campaign(folder, 1),), "b": (campaign(tmp_path, 2),)})
-    (table,) = blocks_of(comparison, tmp_path)["campaigns"]
+    groups = compare_measured({"a": (campaign(folder, 1),), "b": (campaign(tmp_path, 2),)})
+    (table,) = blocks_of(groups, tmp_path)["campaigns"]
     assert table.links == ("javascript%3Aalert%281%29%23%3F/report.html", None)
 
 
-def test_the_page_is_the_same_each_time_and_replaces_what_is_there(
+def test_the_page_is_the_same_each_time_and_replaces_the_old_file(
     three: Comparison, tmp_path: Path
 ) -> None:
     path = tmp_path / "page.html"

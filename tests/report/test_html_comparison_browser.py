@@ -1,4 +1,4 @@
-"""The page of a comparison: how a browser shows it."""
+"""The page of a comparison in a browser."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 from html_browser import background, low_contrast
 from html_campaigns import HOSTILE
-from made_comparison import HIGH, LOW, campaign, made, three_groups
 from playwright.sync_api import Page, expect
+from sample_comparisons import HIGH, LOW, campaign, comparison, three_groups
 
 from frenetic.analysis.comparison import Comparison, compare_measured
 from frenetic.report.html.comparison import write_comparison_page
@@ -20,15 +20,17 @@ pytestmark = pytest.mark.heavy
 
 @pytest.fixture
 def three(tmp_path: Path) -> Comparison:
+    """A comparison of the groups low, high and never."""
     return three_groups(tmp_path)
 
 
 @pytest.fixture
 def page(show: Callable[..., Page], three: Comparison, tmp_path: Path) -> Page:
+    """The page of the comparison, opened."""
     return show(write_comparison_page(three, tmp_path / "page.html", facts={"seeds": "5"}))
 
 
-def test_points_and_boxes(page: Page) -> None:
+def test_a_panel_has_a_point_per_campaign_and_a_box_per_group(page: Page) -> None:
     expect(page.locator("h1")).to_have_text("low, high and never compared")
     assert page.locator("#curves canvas").count() == 2
     expect(page.locator("#campaigns a").first).to_have_attribute("href", "low-1/report.html")
@@ -41,7 +43,7 @@ def test_points_and_boxes(page: Page) -> None:
     lefts = places.evaluate_all("els => els.map(el => parseFloat(el.getAttribute('cx')))")
     assert lefts == sorted(lefts)
     assert lefts[-1] == 100.0
-    # What never happened has an end of its own.
+    # A value of "none" stands at the worse end of the axis.
     ends = {"simulations to first failure": "100.0%", "competition's sparseness": "0.0%"}
     for measure, place in ends.items():
         panel = page.locator(".spread-panel", has_text=measure)
@@ -49,7 +51,7 @@ def test_points_and_boxes(page: Page) -> None:
 
 
 @pytest.mark.parametrize("theme", ["light", "dark"])
-def test_all_text_can_be_read(
+def test_all_text_has_enough_contrast(
     show: Callable[..., Page], three: Comparison, tmp_path: Path, theme: str
 ) -> None:
     page = show(write_comparison_page(three, tmp_path / "page.html"), color_scheme=theme)
@@ -67,7 +69,7 @@ def test_small_screens_need_no_scrolling_sideways(
 ) -> None:
     name = "a_generator_with_a_very_long_name_that_nobody_can_break_anywhere"
     groups = {name: LOW, **{f"Frenetic{i}": HIGH for i in range(9)}}
-    path = write_comparison_page(made(tmp_path, **groups), tmp_path / "page.html")
+    path = write_comparison_page(comparison(tmp_path, **groups), tmp_path / "page.html")
     page = show(path, viewport={"width": width, "height": 844}, has_touch=True)
     assert page.evaluate("document.documentElement.scrollWidth") <= width
     assert page.locator(".swatch.again").count() > 0, "ten groups have eight colours"
@@ -83,9 +85,9 @@ def test_small_screens_need_no_scrolling_sideways(
 
 def test_no_text_from_outside_is_run(show: Callable[..., Page], tmp_path: Path) -> None:
     measured = {HOSTILE: (campaign(tmp_path, 3),), "b": (campaign(tmp_path, 4),)}
-    comparison = compare_measured(measured, notes=[HOSTILE], shared={HOSTILE: HOSTILE})
+    groups = compare_measured(measured, notes=[HOSTILE], shared={HOSTILE: HOSTILE})
     path = write_comparison_page(
-        comparison,
+        groups,
         tmp_path / "page.html",
         title=HOSTILE,
         lead=HOSTILE,
@@ -103,8 +105,8 @@ def test_no_text_from_outside_is_run(show: Callable[..., Page], tmp_path: Path) 
 def test_a_measure_that_is_equal_everywhere_has_an_axis_from_zero(
     show: Callable[..., Page], tmp_path: Path, values: list[int]
 ) -> None:
-    comparison = made(tmp_path, one=values, other=values)
-    page = show(write_comparison_page(comparison, tmp_path / "page.html"))
+    groups = comparison(tmp_path, one=values, other=values)
+    page = show(write_comparison_page(groups, tmp_path / "page.html"))
     assert (page.locator(".box").count() == 0) is (len(values) == 1)
     panels = page.locator(".spread-panel")
     failures = panels.filter(has=page.get_by_role("heading", name="failures", exact=True))

@@ -1,4 +1,4 @@
-"""Parts of a campaign in words."""
+"""Texts that name the parts of a campaign."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from frenetic.search import RandomSearch
 from frenetic.simulators import EmbeddedSimulator
 from frenetic.spec.part_record import describe, part_text, recorded_part
 
-USUAL, SLIPPERY = (describe(EmbeddedSimulator(friction=value)) for value in (1.0, 0.8))
+DRY, SLIPPERY = (describe(EmbeddedSimulator(friction=value)) for value in (1.0, 0.8))
 NETWORK = {"class": "frenetic.plugins.vision.neural:Network"}
 MANY = {
     "class": "m:Part",
@@ -20,6 +20,7 @@ MANY = {
 
 
 def network(model: str) -> dict[str, Any]:
+    """Return the record of a network with noise."""
     return {"class": "Noisy", "driver": {**NETWORK, "options": {"model": model}}}
 
 
@@ -32,10 +33,10 @@ def network(model: str) -> dict[str, Any]:
             "planner, limitedview (distance 20), delayed (seconds 0.05)",
         ),
         (describe(Planner()), None, "planner"),
-        (SLIPPERY, USUAL, "embedded,friction=0.8"),
-        (USUAL, USUAL, "embedded"),
+        (SLIPPERY, DRY, "embedded,friction=0.8"),
+        (DRY, DRY, "embedded"),
         (SLIPPERY, {"class": "m:Other"}, "embedded,friction=0.8"),
-        (USUAL, SLIPPERY, "embedded,friction=1.0"),
+        (DRY, SLIPPERY, "embedded,friction=1.0"),
         (
             describe(Delayed(Planner(aggression=0.8), seconds=0.1)),
             describe(Planner()),
@@ -57,12 +58,12 @@ def test_a_part_has_its_name_and_the_options_that_differ(
 
 
 @pytest.mark.parametrize("part", [None, 3, {}, {"class": None}, {"driver": {"driver": 3}}])
-def test_what_is_no_description_is_unknown(part: object) -> None:
+def test_a_value_that_is_no_record_is_unknown(part: object) -> None:
     assert part_text(part).startswith(("unknown", "None"))
     assert part_text(part, part).startswith(("unknown", "None"))
 
 
-def test_a_campaigns_part_is_as_its_command_line_wrote_it() -> None:
+def test_a_campaigns_part_has_the_text_of_its_command_line() -> None:
     config = {"driver": describe(Planner(aggression=1.2)), "spec": {"driver": "mine.py:Bold,a=1"}}
     assert recorded_part(config, "driver") == "mine.py:Bold,a=1"
     assert recorded_part({**config, "spec": None}, "driver") == "planner,aggression=1.2"

@@ -1,4 +1,4 @@
-"""Pictures: files of the right sort with the right words in them, whatever is drawn."""
+"""Pictures: every road and drive gives a valid file with the right texts."""
 
 from __future__ import annotations
 
@@ -30,6 +30,7 @@ RATE = 20.0  # records per s
 
 
 def bends(*curvatures: float, step: float = 10.0, lane_width: float = 4.0) -> Road:
+    """Return a road of these curvatures, in 1/m."""
     return Road(np.array(curvatures), step, lane_width=lane_width)
 
 
@@ -43,9 +44,9 @@ def drive_along(
     trouble: Trouble | None = None,
     stand: float = 0.0,
 ) -> Drive:
-    """A drive on the lane's centre at `speed` that drifts `drift` m to the left on its way.
+    """Return a drive from the lane's centre at `speed` that drifts `drift` m to the left.
 
-    It goes `until` m, by default the whole road, and then stands for `stand` s.
+    The car drives `until` m, by default the whole road, and then stands for `stand` s.
     """
     end = road.length if until is None else until
     s = np.arange(0.0, end, speed / RATE) if end > 0.0 else np.zeros(1)
@@ -80,6 +81,7 @@ ROADS = {
 
 
 def png_size(path: Path) -> tuple[int, int]:
+    """Return width and height in pixels; assert that the file is a whole PNG."""
     data = path.read_bytes()
     assert data.startswith(b"\x89PNG\r\n\x1a\n")
     assert data.endswith(b"IEND\xaeB`\x82")
@@ -89,16 +91,17 @@ def png_size(path: Path) -> tuple[int, int]:
 
 
 def svg_texts(path: Path) -> list[str]:
+    """Return the texts of an SVG file."""
     root = ET.fromstring(path.read_text(encoding="utf-8"))
     assert root.tag == "{http://www.w3.org/2000/svg}svg"
     return ["".join(e.itertext()) for e in root.iter("{http://www.w3.org/2000/svg}text")]
 
 
-def left_behind(folder: Path) -> list[str]:
+def file_names(folder: Path) -> list[str]:
     return sorted(p.name for p in folder.iterdir())
 
 
-def test_a_failure_says_what_happened(tmp_path: Path) -> None:
+def test_a_failure_has_labels_figures_and_its_reason(tmp_path: Path) -> None:
     drive = drive_along(HAIRPIN, drift=5.0)
     result = judge(HAIRPIN, drive)
     assert result.outcome is Outcome.FAIL
@@ -156,16 +159,17 @@ def test_every_road_can_be_drawn(name: str, drift: float, tmp_path: Path) -> Non
     assert {"Road", "The road is too sharp", "curvature (1/m)"} <= set(texts)
     assert texts.count("start") == texts.count("end") == 1
     assert "oob distance (m)" not in texts
-    assert left_behind(tmp_path) == ["a.png", "a.svg"]
+    assert file_names(tmp_path) == ["a.png", "a.svg"]
 
 
-def nothing(trouble: Trouble | None) -> Drive:
+def unrecorded(trouble: Trouble | None) -> Drive:
+    """Return a drive without records."""
     empty = np.empty((0, len(Trajectory.names())))
     return Drive(Trajectory.from_rows(empty), trouble=trouble)
 
 
-def broken(k: int, x: float, y: float) -> Drive:
-    """A drive whose records from `k` on lie at (x, y)."""
+def derailed(k: int, x: float, y: float) -> Drive:
+    """Return a drive whose records from `k` on lie at (x, y)."""
     table = drive_along(WINDING).trajectory.to_rows()
     table[k:, 1:3] = x, y
     return Drive(Trajectory.from_rows(table), trouble=Trouble("The simulator crashed"))
@@ -173,27 +177,27 @@ def broken(k: int, x: float, y: float) -> Drive:
 
 TIMEOUT = Rules(timeout_base=1.0, timeout_speed=10.0)
 ENDS: dict[str, tuple[Drive, str]] = {
-    "nothing": (nothing(None), "Drive: ERROR"),
-    "no start": (nothing(Trouble("The simulator did not start")), "Drive: ERROR"),
+    "nothing": (unrecorded(None), "Drive: ERROR"),
+    "no start": (unrecorded(Trouble("The simulator did not start")), "Drive: ERROR"),
     "one record": (drive_along(WINDING, until=0.0), "Drive: ERROR"),
     "stopped": (drive_along(WINDING, until=60.0), "Drive: ERROR"),
     "error": (drive_along(WINDING, until=60.0, trouble=RAISED), "Drive: ERROR"),
-    "astray": (broken(100, 1e5, -1e5), "Drive: ERROR"),
-    "far": (broken(100, 1e30, 1e30), "Drive: ERROR"),
-    "not a number": (broken(100, np.nan, np.inf), "Drive: ERROR"),
-    "no number": (broken(0, np.nan, 0.0), "Drive: ERROR"),
+    "astray": (derailed(100, 1e5, -1e5), "Drive: ERROR"),
+    "far": (derailed(100, 1e30, 1e30), "Drive: ERROR"),
+    "not a number": (derailed(100, np.nan, np.inf), "Drive: ERROR"),
+    "no number": (derailed(0, np.nan, 0.0), "Drive: ERROR"),
     "stuck": (drive_along(WINDING, until=80.0, stand=12.0), "ended at "),
     "timeout": (drive_along(WINDING, speed=3.0, rules=TIMEOUT), "ended at "),
 }
 
 
 @pytest.mark.parametrize("name", ENDS)
-def test_a_drive_that_did_not_arrive_is_shown_as_far_as_it_went(name: str, tmp_path: Path) -> None:
-    drive, said = ENDS[name]
+def test_an_unfinished_drive_is_drawn_up_to_its_end(name: str, tmp_path: Path) -> None:
+    drive, start = ENDS[name]
     for file in ("a.svg", "a.png"):
         draw_drive(WINDING, drive, tmp_path / file)
     texts = svg_texts(tmp_path / "a.svg")
-    assert any(text.startswith(said) for text in texts)
+    assert any(text.startswith(start) for text in texts)
     assert judge(WINDING, drive).reason in texts
 
 
@@ -211,7 +215,7 @@ def test_any_title_and_reason_can_be_written(tmp_path: Path) -> None:
     ("name", "start"),
     [("a.png", b"\x89PNG"), ("A.PNG", b"\x89PNG"), ("a.svg", b"<?xml"), ("a.pdf", b"%PDF-")],
 )
-def test_the_same_drive_gives_the_same_bytes_whatever_was_there_or_is_set(
+def test_the_same_drive_gives_the_same_bytes_with_any_settings(
     name: str, start: bytes, tmp_path: Path
 ) -> None:
     drive, path = drive_along(HAIRPIN, drift=5.0), tmp_path / name
@@ -227,7 +231,7 @@ def test_the_same_drive_gives_the_same_bytes_whatever_was_there_or_is_set(
     assert pictures.pop().startswith(start)
 
 
-def test_what_cannot_be_written_is_one_line(tmp_path: Path) -> None:
+def test_a_picture_that_cannot_be_written_is_a_one_line_error(tmp_path: Path) -> None:
     drive = drive_along(SHORT)
     draws: list[Callable[[Path], None]] = [
         lambda path: draw_road(SHORT, path),
@@ -239,20 +243,24 @@ def test_what_cannot_be_written_is_one_line(tmp_path: Path) -> None:
     suffix, place = r"must end with \.png, \.svg or \.pdf", "cannot write the picture"
     mistakes = dict.fromkeys(("a.jpeg", "a", "a.png.txt"), suffix)
     mistakes |= dict.fromkeys(("folder.png", "missing/a.png", "file/a.png"), place)
-    for name, said in mistakes.items():
+    for name, pattern in mistakes.items():
         for draw in draws:
-            with pytest.raises(FreneticError, match=said) as caught:
+            with pytest.raises(FreneticError, match=pattern) as caught:
                 draw(tmp_path / name)
             assert "\n" not in str(caught.value)
     for count in (0, 401):
         with pytest.raises(FreneticError, match="1 to 400 are allowed"):
             draw_gallery([("a", SHORT, drive)] * count, tmp_path / "a.png")
-    assert left_behind(tmp_path) == ["file", "folder.png"]
+    assert file_names(tmp_path) == ["file", "folder.png"]
 
 
 @pytest.mark.parametrize("count", [1, 7, 20])
-def test_a_contact_sheet_shows_every_caption(count: int, tmp_path: Path) -> None:
-    drives = [drive_along(WINDING), drive_along(HAIRPIN, drift=-5.0), nothing(Trouble("It broke"))]
+def test_a_gallery_shows_every_caption(count: int, tmp_path: Path) -> None:
+    drives = [
+        drive_along(WINDING),
+        drive_along(HAIRPIN, drift=-5.0),
+        unrecorded(Trouble("It broke")),
+    ]
     roads = [WINDING, HAIRPIN, WINDING]
     items = [(f"Test {k}", roads[k % 3], drives[k % 3]) for k in range(count)]
     draw_gallery(items, tmp_path / "a.svg", title="Failures")
@@ -263,7 +271,7 @@ def test_a_contact_sheet_shows_every_caption(count: int, tmp_path: Path) -> None
     png_size(tmp_path / "a.png")
 
 
-def test_drawing_waits_for_matplotlib_and_touches_no_backend(tmp_path: Path) -> None:
+def test_drawing_imports_matplotlib_late_and_leaves_pyplot_alone(tmp_path: Path) -> None:
     path = tmp_path / "a.png"
     code = (
         "import sys, pathlib, frenetic.report\n"
@@ -288,7 +296,7 @@ def test_a_test_is_drawn_with_the_verdict_of_its_campaign(tmp_path: Path) -> Non
     search.run()
     with CampaignStore.open(search.folder) as store:
         test = store.test(next(store.tests(Outcome.FAIL)).id)
-    # Its last record may be within the tolerance when it was rounded.
+    # A rounded last record may be within the tolerance, so the stored verdict counts.
     assert test.trajectory is not None
     shorter = Trajectory.from_rows(test.trajectory.to_rows()[:-1])
     test = replace(test, trajectory=shorter)

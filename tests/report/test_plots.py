@@ -1,4 +1,4 @@
-"""Plots on Matplotlib's axes, and what notebooks show."""
+"""Plots on Matplotlib's axes, and the pictures in notebooks."""
 
 from __future__ import annotations
 
@@ -35,15 +35,17 @@ from frenetic.road import Road
 
 @pytest.fixture(autouse=True)
 def figures() -> Iterator[None]:
+    """Closes all figures, and asserts that plots change no setting of Matplotlib."""
     before = mpl.rcParams.copy()
     yield
     plt.close("all")
-    settings = before.keys() - {"backend"}  # which pyplot chooses when it first draws
+    settings = before.keys() - {"backend"}  # pyplot chooses the backend when it first draws
     assert [name for name in settings if mpl.rcParams[name] != before[name]] == []
 
 
 @pytest.fixture(scope="module")
 def campaign(tmp_path_factory: pytest.TempPathFactory) -> Campaign:
+    """A finished campaign with failures."""
     search = Campaign(
         strategy=Frenetic(seed=7),
         simulator=EmbeddedSimulator(),
@@ -59,15 +61,15 @@ class Elements(HTMLParser):
 
     def __init__(self, text: str) -> None:
         super().__init__()
-        self.found: list[str] = []
+        self.names: list[str] = []
         self.feed(text)
 
     def handle_starttag(self, tag: str, attrs: object) -> None:
-        self.found.append(tag)
+        self.names.append(tag)
 
 
 def group(*failures: int, simulations: int = 40) -> tuple[CampaignMeasures, ...]:
-    """Campaigns with their failures one after the other."""
+    """Return measures of campaigns that fail from the first simulation on."""
     curves = [np.clip(np.arange(simulations + 1), 0, number) for number in failures]
     return tuple(
         CampaignMeasures(Path("made-up"), None, Counts(), curve, curve // 2, True)
@@ -79,22 +81,22 @@ SIX, FIVE = group(10, 11, 12, 13, 14, 15), group(3, 4, 5, 6, 7)
 
 
 def html(thing: NotebookRepr) -> str:
-    """What a notebook shows."""
+    """Return the HTML that a notebook shows."""
     text = thing._repr_html_()
     assert text is not None
     return text
 
 
-# From above
+# Roads and drives from above
 
 
-def test_a_drive_lies_on_the_axes_where_it_is_on_the_map() -> None:
+def test_a_drive_is_drawn_at_its_place_on_the_map() -> None:
     drive = drive_along(WINDING, drift=3.0)
     axes = Figure(figsize=(6.0, 4.0)).add_subplot()
     assert plot(drive, axes, road=WINDING) is axes
     path = max(
-        (one for one in axes.collections if isinstance(one, LineCollection)),
-        key=lambda one: len(one.get_segments()),
+        (lines for lines in axes.collections if isinstance(lines, LineCollection)),
+        key=lambda lines: len(lines.get_segments()),
     )
     place = path.get_transform() - axes.transData
     drawn = place.transform(np.concatenate(path.get_segments()))
@@ -107,17 +109,17 @@ def test_a_drive_lies_on_the_axes_where_it_is_on_the_map() -> None:
     assert (outline < (right, top)).all()
 
 
-def test_lanes_are_as_wide_as_they_are_in_metres() -> None:
+def test_lanes_are_drawn_in_their_width() -> None:
     axes = Figure().add_subplot()
     road = Road(SHORT.curvatures, lane_width=5.0)
     plot(road, axes)
     both, other, ego = (patch.get_path().vertices for patch in axes.patches)
     for outline, right, left in ((both, -5.0, 5.0), (other, 0.0, 5.0), (ego, -5.0, 0.0)):
-        seen = road.track(outline)[:, 1]
-        assert (seen.min(), seen.max()) == pytest.approx((right, left), abs=0.02)
+        offsets = road.track(outline)[:, 1]
+        assert (offsets.min(), offsets.max()) == pytest.approx((right, left), abs=0.02)
 
 
-def test_a_second_road_leaves_the_first_in_sight() -> None:
+def test_axes_with_two_roads_show_both() -> None:
     axes = Figure().add_subplot()
     near, far = Road(SHORT.curvatures), Road(SHORT.curvatures, pose=(300.0, 80.0, 0.0))
     plot(near, axes)
@@ -127,7 +129,7 @@ def test_a_second_road_leaves_the_first_in_sight() -> None:
     assert bottom < 0.0 < 80.0 < top
 
 
-def test_without_axes_there_is_a_new_figure_with_a_key() -> None:
+def test_without_axes_a_plot_makes_a_figure_with_a_key() -> None:
     drive = EmbeddedSimulator().drive(HAIRPIN, Stanley())
     axes = plot(drive)
     assert axes.figure is plt.gcf()
@@ -136,7 +138,7 @@ def test_without_axes_there_is_a_new_figure_with_a_key() -> None:
     assert plot(HAIRPIN).figure is plt.gcf() is not axes.figure
 
 
-def test_a_drive_that_does_not_know_its_road_asks_for_it() -> None:
+def test_a_drive_without_a_road_asks_for_the_road() -> None:
     drive = drive_along(SHORT)
     for show in (plot, animate):
         with pytest.raises(ValueError, match=r"give it, as in plot\(drive, road=road\)"):
@@ -148,7 +150,7 @@ def test_a_drive_that_does_not_know_its_road_asks_for_it() -> None:
 # Campaigns
 
 
-def test_progress_ends_at_the_counts(campaign: Campaign) -> None:
+def test_curves_of_progress_end_at_the_counts(campaign: Campaign) -> None:
     with CampaignStore.open(campaign.folder) as store:
         failed, distinct = store.counts().failed, len(distinct_failures(store))
     axes = plot_progress(campaign)
@@ -187,7 +189,7 @@ def test_a_campaign_without_results_or_failures_has_pictures_too(tmp_path: Path)
     ],
     ids=["few", "empty", "many"],
 )
-def test_whatever_groups_there_are_can_be_drawn(
+def test_any_groups_can_be_drawn(
     groups: dict[str, tuple[CampaignMeasures, ...]], tmp_path: Path
 ) -> None:
     path, pictures = tmp_path / "a.svg", set()
@@ -199,19 +201,19 @@ def test_whatever_groups_there_are_can_be_drawn(
     assert {"distinct failures", "failures"} <= set(re.findall(r">([^<]*)</text>", picture))
 
 
-def test_curves_are_medians_in_lines_of_their_own() -> None:
+def test_each_curve_is_a_median_in_its_own_line_style() -> None:
     groups = compare_measured({f"group {i}": FIVE if i else SIX for i in range(9)})
     curves = plot(groups, Figure().add_subplot()).lines
     assert len({(line.get_color(), line.get_linestyle()) for line in curves}) == 9
     best = next(line for line in curves if str(line.get_label()).startswith("group 0"))
-    found = np.median([one.distinct_after for one in SIX], axis=0)
-    assert np.asarray(best.get_ydata()).tolist() == found.tolist()
+    median = np.median([measures.distinct_after for measures in SIX], axis=0)
+    assert np.asarray(best.get_ydata()).tolist() == median.tolist()
 
 
-# What notebooks show
+# Notebooks
 
 
-def test_everything_is_short_in_words_and_shown_with_a_picture(campaign: Campaign) -> None:
+def test_each_object_has_a_short_repr_and_a_picture_in_notebooks(campaign: Campaign) -> None:
     best = campaign.best_test
     assert best is not None
     with CampaignStore.open(campaign.folder) as store:
@@ -223,7 +225,7 @@ def test_everything_is_short_in_words_and_shown_with_a_picture(campaign: Campaig
             (picture,) = re.findall(r'src="data:image/png;base64,([^"]+)"', text)
             assert base64.b64decode(picture).startswith(b"\x89PNG")
             assert len(text) < 60_000
-            assert {"img", "td"} <= set(Elements(text).found)
+            assert {"img", "td"} <= set(Elements(text).names)
         assert best.reason in html(best)
         assert f"−{-(best.moobd or 0.0):.2f} m" in html(best)
         assert f"{min(500, len(clusters))} distinct failures" in html(store)
@@ -231,17 +233,17 @@ def test_everything_is_short_in_words_and_shown_with_a_picture(campaign: Campaig
     assert repr(store) == f"<CampaignStore {campaign.folder}>"  # closed
 
 
-def test_a_notebook_shows_the_repr_where_nothing_is_installed_that_draws(
+def test_a_notebook_shows_the_repr_if_no_plot_package_is_installed(
     campaign: Campaign, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(importlib.metadata, "entry_points", lambda **_: ())
     assert campaign._repr_html_() is None
 
 
-def test_texts_from_outside_stay_texts(campaign: Campaign, tmp_path: Path) -> None:
+def test_texts_from_outside_do_not_become_markup(campaign: Campaign, tmp_path: Path) -> None:
     with CampaignStore.open(make_hostile(tmp_path, campaign.folder)) as store:
         best = store.test(2)
         for text in (html(best), html(store), animate(best).html):
-            assert not {"script", "b>"} & set(Elements(text).found)
+            assert not {"script", "b>"} & set(Elements(text).names)
             assert "<img src=x" not in text
         assert HOSTILE not in animate(best).page

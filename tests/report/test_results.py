@@ -1,4 +1,4 @@
-"""One call of the library does what `frenetic run` does."""
+"""`frenetic.run` does in one call what the command `frenetic run` does."""
 
 from __future__ import annotations
 
@@ -32,6 +32,7 @@ def campaign(folder: Path, simulations: int = 80) -> Campaign:
 
 
 def files(folder: Path) -> set[str]:
+    """Return the names of the results in a folder."""
     return {
         str(path.relative_to(folder))
         for path in folder.rglob("*")
@@ -39,7 +40,7 @@ def files(folder: Path) -> set[str]:
     }
 
 
-def test_one_call_writes_what_the_command_writes(frenetic: Command, tmp_path: Path) -> None:
+def test_run_writes_the_same_files_as_the_command(frenetic: Command, tmp_path: Path) -> None:
     events: list[Event | Step] = []
     results = run(campaign(tmp_path / "library"), on_event=events.append)
     answer = frenetic(
@@ -50,7 +51,9 @@ def test_one_call_writes_what_the_command_writes(frenetic: Command, tmp_path: Pa
     assert results.summary is not None
     assert results.summary.failed == document["failed"]
     causes = results.findings.clusters.causes
-    assert [cause.failures for cause in causes] == [one["failures"] for one in document["causes"]]
+    assert [cause.failures for cause in causes] == [
+        entry["failures"] for entry in document["causes"]
+    ]
     assert list(results.notes) == document["notes"]
     for test_id, short in results.shortened.items():
         path = tmp_path / "library" / "minimised" / f"test-{test_id:05d}.json"
@@ -65,7 +68,7 @@ def test_one_call_writes_what_the_command_writes(frenetic: Command, tmp_path: Pa
 
 
 @pytest.mark.heavy
-def test_results_of_a_resumed_campaign_are_those_of_an_uninterrupted_one(tmp_path: Path) -> None:
+def test_a_resumed_campaign_has_the_results_of_an_uninterrupted_one(tmp_path: Path) -> None:
     whole = run(campaign(tmp_path / "whole"))
     campaign(tmp_path / "parts").run(30)
     parts = resume(campaign(tmp_path / "parts"))
@@ -75,24 +78,24 @@ def test_results_of_a_resumed_campaign_are_those_of_an_uninterrupted_one(tmp_pat
     ]
 
 
-def test_what_was_found_is_written_when_a_search_ends_by_an_error(
+def test_results_are_written_when_a_search_ends_with_an_error(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     search = campaign(tmp_path / "c")
 
-    def broken(*_: object, **__: object) -> None:
+    def run_and_raise(*_: object, **__: object) -> None:
         campaign(tmp_path / "c").run(40)
         search.started = True
         raise CampaignError("the worker was lost")
 
-    monkeypatch.setattr(search, "run", broken)
+    monkeypatch.setattr(search, "run", run_and_raise)
     with pytest.raises(CampaignError, match="the worker was lost"):
         run(search)
     assert (tmp_path / "c" / "report.html").is_file()
     assert (tmp_path / "c" / "failures" / "gallery.png").is_file()
 
 
-def test_report_that_cannot_be_written_is_a_note(
+def test_a_report_that_cannot_be_written_is_a_note(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def refuse(*_: object, **__: object) -> None:
@@ -104,7 +107,7 @@ def test_report_that_cannot_be_written_is_a_note(
     assert results.notes[-1] == "There is no report: the disk is full"
 
 
-def test_it_is_a_name_of_the_package() -> None:
+def test_run_and_resume_are_names_of_the_package() -> None:
     assert frenetic.run is run
     assert frenetic.resume is resume
 
