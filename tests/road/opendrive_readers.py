@@ -1,7 +1,7 @@
-"""What other programs read in our OpenDRIVE files, and how far that is from our roads.
+"""Read our OpenDRIVE files with other programs, and measure how far their lanes are from our lanes.
 
-CARLA's map parser and SUMO's netconvert come with the extra
-``test``; CARLA's needs no server.
+CARLA's map parser and SUMO's netconvert come with the extra ``test``; CARLA's parser needs no
+server.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ SPACING: Final = 0.9  # m between the places that are compared; hits no sample t
 
 
 def varied_roads() -> dict[str, Road]:
-    """Fifty roads: what a search comes up with, and what is extreme."""
+    """Return about fifty roads: roads of a search, and extreme roads."""
     rng = np.random.default_rng(2021)
     mother, father = random_curvatures(rng, 25), random_curvatures(rng, 18)
     searched = {f"random {n}": random_curvatures(rng, n) for n in (2, 3, 8, 15, 20, 25, 30, 35)}
@@ -45,7 +45,7 @@ def varied_roads() -> dict[str, Road]:
     searched["C1"] = mix(rng, mother, father)
     searched["C2a"], searched["C2b"] = splice(mother, father)
     roads = {name: Road(values) for name, values in searched.items()}
-    chosen: dict[str, list[float]] = {
+    extreme: dict[str, list[float]] = {
         "straight": [0.0] * 12,
         "straight, 2 samples": [0.0, 0.0],
         "constant to the left": [0.03] * 10,
@@ -66,7 +66,7 @@ def varied_roads() -> dict[str, Road]:
         "nearly straight": [0.0, 2e-9, 0.0, 5e-10, 1e-9, 2e-10, 2e-10],
         "nearly equal, then not": [0.02, 0.02 + 1e-12, 0.03, 0.03 - 1e-11, 0.0],
     }
-    roads |= {name: Road(values) for name, values in chosen.items()}
+    roads |= {name: Road(values) for name, values in extreme.items()}
     roads |= {
         "short steps": Road([0.07 * math.sin(0.1 * i) for i in range(120)], 0.5),
         "nearly equal, short steps": Road([0.2, 0.2 + 2e-9, 0.2 + 9e-9, 0.2], 0.5),
@@ -94,18 +94,18 @@ WIDER: Final = [(20.0, 0.0), (60.0, 0.6), (100.0, 0.0)]
 
 @dataclass(frozen=True, eq=False)
 class ReadLane:
-    """The ego lane as another program sees it."""
+    """The ego lane as another program reads it."""
 
     centre: FloatArray
-    """(n, 2) m, from the road's start to its end."""
+    """Points in m, (n, 2), from the road's start to its end."""
     width: float
-    """m."""
+    """Width in m."""
     height: FloatArray | None = None
-    """(n,) m, of the centre, if the program says."""
+    """Heights of the centre in m, (n,), or None if the program gives none."""
 
 
 def read_with_carla(text: str, road: Road) -> ReadLane:
-    """Lane -1 in CARLA's map at ``road.distances(SPACING)``, a millimetre off the ends."""
+    """Return lane -1 of CARLA's map at ``road.distances(SPACING)``, 1 mm inside the ends."""
     import carla
 
     carla_map: Any = carla.Map("road", text)
@@ -118,20 +118,22 @@ def read_with_carla(text: str, road: Road) -> ReadLane:
 
 
 def read_with_sumo(texts: Mapping[str, str], *options: str) -> dict[str, ReadLane]:
-    """Lane -1 of each file as SUMO's netconvert makes it, a polyline.
+    """Return lane -1 of each file as SUMO's netconvert reads it, a polyline.
 
-    All are read by one process, as roads of one net.
+    One process reads all files, as roads of one net.
     """
     import sumo
 
     program = Path(sumo.SUMO_HOME) / "bin" / "netconvert"
-    ours = 'id="1" junction="-1"'
+    attributes = 'id="1" junction="-1"'
     with tempfile.TemporaryDirectory() as folder:
         sources, net = [], Path(folder, "roads.net.xml")
         for i, text in enumerate(texts.values(), start=1):
-            assert text.count(ours) == 1
+            assert text.count(attributes) == 1
             sources.append(Path(folder, f"{i}.xodr"))
-            sources[-1].write_text(text.replace(ours, f'id="{i}" junction="-1"'), encoding="utf-8")
+            sources[-1].write_text(
+                text.replace(attributes, f'id="{i}" junction="-1"'), encoding="utf-8"
+            )
         files = ",".join(map(str, sources))
         command = [str(program), "--opendrive-files", files, "--output-file", str(net)]
         command += ["--offset.disable-normalization", *options]
@@ -147,8 +149,8 @@ def read_with_sumo(texts: Mapping[str, str], *options: str) -> dict[str, ReadLan
     return lanes
 
 
-def away_at_places(road: Road, lane: ReadLane) -> float:
-    """M, largest distance of the lane's points from where they belong along the road."""
+def distance_at_places(road: Road, lane: ReadLane) -> float:
+    """Return the largest distance in m of the lane's points from their places along the road."""
     distances = np.clip(road.distances(SPACING), 1e-3, road.length - 1e-3)
     poses = [road.pose_at(s) for s in distances.tolist()]
     halves = 0.5 * (road.lane_width + profile.value_at(road.widening, distances))
@@ -156,20 +158,20 @@ def away_at_places(road: Road, lane: ReadLane) -> float:
         [p.x + half * math.sin(p.heading), p.y - half * math.cos(p.heading)]
         for p, half in zip(poses, halves.tolist(), strict=True)
     ]
-    away = np.hypot(*(lane.centre - np.array(right)).T)
-    assert np.isfinite(away).all()
-    return float(away.max())
+    distance = np.hypot(*(lane.centre - np.array(right)).T)
+    assert np.isfinite(distance).all()
+    return float(distance.max())
 
 
-def away_in_height(road: Road, lane: ReadLane) -> float:
-    """M, largest difference in height from the road's centre line."""
+def height_difference(road: Road, lane: ReadLane) -> float:
+    """Return the largest difference in height from the road's centre line, in m."""
     distances = np.clip(road.distances(SPACING), 1e-3, road.length - 1e-3)
     assert lane.height is not None
     return float(np.abs(lane.height - road.heights(distances)).max())
 
 
-def away_from_line(road: Road, lane: ReadLane) -> float:
-    """M, largest distance of the lane's polyline, ends included, from our lane's centre line."""
+def distance_from_line(road: Road, lane: ReadLane) -> float:
+    """Return the largest distance in m of the lane's polyline and ends from our lane's centre."""
     corners = lane.centre
     steps = [max(1, math.ceil(math.dist(a, b) / 0.1)) for a, b in itertools.pairwise(corners)]
     pieces = [

@@ -1,4 +1,4 @@
-"""Road classes: their values by formula, and roads that keep them, checked independently."""
+"""Road classes: their values by formula, and an independent check of the roads of strategies."""
 
 from __future__ import annotations
 
@@ -25,18 +25,19 @@ from frenetic.search import Evaluation, Strategy
 from frenetic.search.records import Trace
 
 ROADS = int(os.environ.get("FRENETIC_CLASS_ROADS", "400"))
-"""Roads of each class and strategy; 10,000 were driven for docs/road-classes.md."""
+"""Roads of each class and strategy; docs/road-classes.md reports a run with 10,000."""
 STRATEGIES: list[Callable[..., Strategy]] = [RandomSearch, Frenetic, Frenetic2021]
 
 
-def road_of(road_class: RoadClass, values: np.ndarray, **more: object) -> Road:
+def road_of(road_class: RoadClass, values: np.ndarray, **options: object) -> Road:
+    """Return a road of these curvatures with the slopes of its class."""
     profiles = road_class.profiles(values, road_class.step)
-    return Road(values, road_class.step, lane_width=road_class.lane_width, **profiles | more)
+    return Road(values, road_class.step, lane_width=road_class.lane_width, **profiles | options)
 
 
-def test_the_least_radius_is_the_published_one() -> None:
+def test_the_least_radius_agrees_with_the_green_book() -> None:
     # AASHTO Green Book, minimum radius by limiting e and f: 86, 194 and 328 m with 4, 12 and 12 %;
-    # ours are rounded up.
+    # our radii are rounded up.
     for speed, slope, radius in ((50, 0.04, 86.0), (80, 0.12, 194.0), (100, 0.12, 329.0)):
         road_class = RoadClass.from_entries(
             {"name": "x", "design_speed": speed, "max_superelevation": slope}
@@ -72,14 +73,16 @@ def test_a_class_from_a_file_has_the_values_of_the_file(tmp_path: Path) -> None:
         ("rural-80", {"length": "long"}, "length is 'long': a number is needed"),
     ],
 )
-def test_no_class(name: str, options: dict[str, object], message: str) -> None:
+def test_an_unknown_class_or_option_is_refused(
+    name: str, options: dict[str, object], message: str
+) -> None:
     with pytest.raises(FreneticError, match=message):
         RoadClass.of(name, options)
 
 
 @pytest.mark.parametrize("name", list(RULES))
 @given(values=st.lists(st.floats(-0.05, 0.05), min_size=2, max_size=60), repeat=st.integers(1, 6))
-def test_conformed_curvatures_meet_the_rules(name: str, values: list[float], repeat: int) -> None:
+def test_conformed_curvatures_keep_the_rules(name: str, values: list[float], repeat: int) -> None:
     road_class = RoadClass.of(name)
     wished = np.repeat(np.array(values) * 86.0 / road_class.min_radius, repeat)
     conformed = road_class.conformed(wished, road_class.step)
@@ -107,7 +110,7 @@ def test_strategies_stay_in_their_class(name: str, strategy: Callable[..., Strat
             assert road_class.breach(road) == ""
         length = (len(candidate.curvatures) - 1) * candidate.step
         origins[candidate.origin.operator] += 1
-        # A made-up driver that fails now and then, anywhere.
+        # A simulated result: some drives fail, at random places.
         moobd = float(rng.normal(0.0, 1.0))
         along = np.arange(0.0, length, 5.0)
         offsets, speeds = (rng.normal(middle, 3.0, len(along)) for middle in (0.0, 20.0))
@@ -159,9 +162,9 @@ BENDS = np.array([0.0, 0.0012, 0.0024, 0.0036, 0.0036, 0.0036, 0.0036, 0.0036, 0
 )
 def test_the_message_names_the_breached_rule(change: dict[str, Any], message: str) -> None:
     values = np.asarray(change.get("values", BENDS))
-    more = {name: value for name, value in change.items() if name != "values"}
-    lane_width = more.pop("lane_width", CLASS.lane_width)
-    road = Road(values, 16.0, lane_width=lane_width, **CLASS.profiles(values, 16.0) | more)
+    options = {name: value for name, value in change.items() if name != "values"}
+    lane_width = options.pop("lane_width", CLASS.lane_width)
+    road = Road(values, 16.0, lane_width=lane_width, **CLASS.profiles(values, 16.0) | options)
     verdict = road.placed(CLASS.map_size, road_class=CLASS)[1]
     assert bool(verdict) is not bool(message)
     assert re.search(message, verdict.message), verdict.message
@@ -186,13 +189,13 @@ def test_lanes_widen_in_narrow_bends() -> None:
     road = road_of(urban, values)
     assert road.widening[:, 1].max() == pytest.approx(50.0 / urban.min_radius)
     narrow = Road(values, urban.step, lane_width=3.25, superelevation=road.superelevation)
-    broken = "A lane of 3.25 m in a radius of 258 m at 200 m: urban-50 needs at least 3.44 m (RAS-L"
-    assert urban.breach(narrow).startswith(broken)
+    breach = "A lane of 3.25 m in a radius of 258 m at 200 m: urban-50 needs at least 3.44 m (RAS-L"
+    assert urban.breach(narrow).startswith(breach)
 
 
 @pytest.mark.parametrize("name", list(RULES))
-def test_a_recorded_class_is_written_as_it_was(name: str) -> None:
-    """So a road that `run` has shortened is not shortened anew by `minimise`."""
+def test_a_recorded_class_is_restored_exactly(name: str) -> None:
+    """`minimise` compares recorded classes to recognise a road that `run` has shortened."""
     road_class = RoadClass.of(name)
     entries = json.decode(json.encode(road_class.as_json()))
     assert json.encode(convert(entries, RoadClass)) == json.encode(road_class)

@@ -1,3 +1,5 @@
+"""Road files: their formats and their errors."""
+
 from __future__ import annotations
 
 import json
@@ -26,12 +28,13 @@ POINTS = [[40.0, 40.0], [90.0, 45.0], [120.0, 90.0], [120.0, 150.0]]
 
 
 def write(folder: Path, content: object) -> Path:
+    """Write a road file of this content; return its path."""
     path = folder / "road.json"
     path.write_text(content if isinstance(content, str) else json.dumps(content))
     return path
 
 
-def test_curvatures_with_defaults_and_with_all_entries(tmp_path: Path) -> None:
+def test_curvatures_are_read_with_defaults_and_with_all_entries(tmp_path: Path) -> None:
     road = read_road(write(tmp_path, {"curvatures": [0.0, 0.01, 0.0]})).road()
     assert road.curvatures.tolist() == [0.0, 0.01, 0.0]
     assert (road.step, road.lane_width) == (10.0, 4.0)
@@ -51,7 +54,7 @@ def test_curvatures_with_defaults_and_with_all_entries(tmp_path: Path) -> None:
         [{"road_points": POINTS}],
     ],
 )
-def test_points_as_a_bare_list_a_competition_file_or_objects(
+def test_points_are_read_as_a_list_a_competition_file_or_objects(
     tmp_path: Path, content: object
 ) -> None:
     loaded = read_road(write(tmp_path, content))
@@ -61,7 +64,7 @@ def test_points_as_a_bare_list_a_competition_file_or_objects(
 
 
 @pytest.mark.parametrize("name", ["road.xodr", "ROAD.XODR", "road.xml", "road"])
-def test_opendrive_is_known_by_its_suffix_or_its_content(tmp_path: Path, name: str) -> None:
+def test_opendrive_is_recognised_by_suffix_or_content(tmp_path: Path, name: str) -> None:
     road = Road([0.0, 0.01, -0.02], 5.0, (1.0, 2.0, 3.0), lane_width=3.5)
     path = tmp_path / name
     path.write_text(to_opendrive(road), encoding="utf-8")
@@ -70,7 +73,7 @@ def test_opendrive_is_known_by_its_suffix_or_its_content(tmp_path: Path, name: s
     assert (read.step, tuple(read.pose), read.lane_width) == (5.0, (1.0, 2.0, 3.0), 3.5)
 
 
-def test_points_are_judged_where_they_lie_and_curvatures_where_they_fit(tmp_path: Path) -> None:
+def test_points_are_judged_at_their_place_and_curvatures_where_they_fit(tmp_path: Path) -> None:
     points = [[-50.0, 10.0], [0.0, 10.0], [60.0, 10.0]]
     verdict = read_road(write(tmp_path, points)).check_validity()
     assert verdict.message == "Not entirely inside the map boundaries"
@@ -86,7 +89,7 @@ HUGE = int("1" * 400)
 
 
 @pytest.mark.parametrize(
-    ("content", "complaint"),
+    ("content", "message"),
     [
         ("no json at all", "is not JSON"),
         ("[" * 100_000, "is not JSON"),
@@ -114,16 +117,16 @@ HUGE = int("1" * 400)
         ({"road_points": [[0, 0], [1e308, 0], [-1e308, 0]]}, "from the origin"),
     ],
 )
-def test_every_bad_file_gets_one_line_that_names_it(
-    tmp_path: Path, content: object, complaint: str
+def test_a_bad_file_is_a_one_line_error_that_names_it(
+    tmp_path: Path, content: object, message: str
 ) -> None:
     path = write(tmp_path, content)
-    with pytest.raises(RoadError, match=complaint) as caught:
+    with pytest.raises(RoadError, match=message) as caught:
         read_road(path).road()
-    message = str(caught.value)
-    assert message.startswith(str(path))
-    assert "\n" not in message
-    assert len(message) < len(str(path)) + 150
+    text = str(caught.value)
+    assert text.startswith(str(path))
+    assert "\n" not in text
+    assert len(text) < len(str(path)) + 150
 
 
 def test_folders_are_searched_and_files_without_a_road_are_skipped(tmp_path: Path) -> None:
@@ -145,7 +148,7 @@ def test_a_named_file_without_a_road_is_refused(tmp_path: Path) -> None:
     assert str(caught.value) == f"there is no file {missing}"
 
 
-def test_files_that_cannot_be_read(tmp_path: Path) -> None:
+def test_a_file_that_cannot_be_read_is_refused(tmp_path: Path) -> None:
     with pytest.raises(RoadError, match="there is no file"):
         read_road(tmp_path / "missing.json")
     with pytest.raises(RoadError, match="is a folder"):
@@ -183,7 +186,7 @@ hostile: st.SearchStrategy[object] = st.sampled_from(
         },
     )
 )
-def test_a_damaged_file_gives_a_verdict_or_one_line(content: object) -> None:
+def test_a_damaged_file_gives_a_verdict_or_a_one_line_error(content: object) -> None:
     with tempfile.TemporaryDirectory() as folder:
         path = write(Path(folder), content)
         try:
@@ -201,7 +204,7 @@ def test_a_damaged_file_gives_a_verdict_or_one_line(content: object) -> None:
 CASES = Path(__file__).parents[1] / "cases" / "maps"
 
 
-def test_nodes_say_height_and_width(tmp_path: Path) -> None:
+def test_nodes_have_height_and_width(tmp_path: Path) -> None:
     road = read_road(CASES / "11-nodes.json").road()
     assert road.lane_width == 4.0
     assert road.is_plain
@@ -220,7 +223,7 @@ def test_nodes_say_height_and_width(tmp_path: Path) -> None:
     st.tuples(st.floats(-0.1, 0.1), st.floats(-0.1, 0.1)),
     st.floats(0.0, 1.5),
 )
-def test_a_beamng_file_of_ours_is_read_back(
+def test_an_exported_beamng_file_is_read_back(
     curvatures: list[float], lane_width: float, grades: tuple[float, float], wider: float
 ) -> None:
     road = Road(
@@ -233,16 +236,16 @@ def test_a_beamng_file_of_ours_is_read_back(
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "r.beamng.json"
         write_road(ExportedRoad(road, "r"), "beamng", path)
-        again = read_road(path).road()
+        read = read_road(path).road()
     places = np.linspace(0.0, road.length, 50)
-    assert np.abs(again.track(road.sample(0.5))[:, 1]).max() < 0.01
-    assert again.length == pytest.approx(road.length, abs=0.01)
-    assert again.heights(places) == pytest.approx(road.heights(places), abs=0.05)
-    widths = [r.lane_width + profile.value_at(r.widening, places) for r in (road, again)]
+    assert np.abs(read.track(road.sample(0.5))[:, 1]).max() < 0.01
+    assert read.length == pytest.approx(road.length, abs=0.01)
+    assert read.heights(places) == pytest.approx(road.heights(places), abs=0.05)
+    widths = [r.lane_width + profile.value_at(r.widening, places) for r in (road, read)]
     assert widths[1] == pytest.approx(widths[0], abs=0.02)
 
 
-def test_a_list_of_tests_says_how_many_it_holds_and_how_to_drive_one(
+def test_the_error_of_a_list_of_tests_counts_them_and_names_the_command(
     frenetic: Frenetic, tmp_path: Path
 ) -> None:
     path = str(CASES / "12-suite.json")

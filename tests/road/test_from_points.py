@@ -1,3 +1,5 @@
+"""Roads from points: `Road.from_points` against circles, splines and sampled roads."""
+
 from __future__ import annotations
 
 import math
@@ -17,7 +19,7 @@ FloatArray = npt.NDArray[np.float64]
 
 
 def random_road(seed: int) -> Road:
-    """A road of the random phase in any pose."""
+    """Return a random road in a random pose."""
     rng = np.random.default_rng(seed)
     x, y = rng.uniform(-200.0, 200.0, 2)
     values = random_curvatures(rng, int(rng.integers(15, 26)))
@@ -25,6 +27,7 @@ def random_road(seed: int) -> Road:
 
 
 def competition_spline(points: FloatArray) -> BSpline[np.float64]:
+    """Return the spline through the points, by scipy."""
     tck: Any
     tck, _ = splprep(points.T, s=0, k=min(len(points) - 1, 3))
     knots, coefficients, degree = tck
@@ -32,14 +35,14 @@ def competition_spline(points: FloatArray) -> BSpline[np.float64]:
 
 
 def assert_follows_the_spline(points: FloatArray, tolerance: float = 5e-3) -> Road:
-    """Road and spline lie within the tolerance (m) of each other, and are equally long."""
+    """Assert that road and spline agree in place and length, within a tolerance in m."""
     road = Road.from_points(points)
     polyline = float(np.hypot(*np.diff(points, axis=0).T).sum())
     dense = competition_spline(points)(np.linspace(0.0, 1.0, max(1000, int(polyline / 2e-3))))
     length = float(np.hypot(*np.diff(dense, axis=0).T).sum())
     line = road.sample(0.05)
     assert np.asarray(cKDTree(dense).query(line)[0]).max() < tolerance
-    # The other way round: nothing of the spline is left out.
+    # Also the other way round: the road leaves out no part of the spline.
     thin = dense[:: max(1, len(dense) // 5000)]
     assert np.asarray(cKDTree(road.sample(2e-3)).query(thin)[0]).max() < tolerance + 2e-3
     assert road.length == pytest.approx(length, abs=tolerance)
@@ -50,12 +53,12 @@ def assert_follows_the_spline(points: FloatArray, tolerance: float = 5e-3) -> Ro
 @pytest.mark.parametrize("seed", range(6))
 @pytest.mark.parametrize("step", [10.0, 2.0])
 def test_a_road_is_recovered_from_its_samples(seed: int, step: float) -> None:
-    """Curvature, length and place agree to a micrometre or 1e-6 1/m, also between the samples."""
+    """Length and place agree to 1e-6 m, curvatures to 1e-6 1/m, also between the samples."""
     road = random_road(seed)
     recovered = Road.from_points(road.sample(step))
     assert recovered.step == pytest.approx(step, abs=1e-7)
     assert recovered.length == pytest.approx(road.length, abs=1e-6)
-    # Rounding may put the found road's end before the road's.
+    # Rounding may make the recovered road a little shorter.
     distances = np.linspace(0.0, min(road.length, recovered.length), 500)
     np.testing.assert_allclose(
         recovered.curvature_at(distances), road.curvature_at(distances), rtol=0, atol=1e-6
@@ -65,7 +68,7 @@ def test_a_road_is_recovered_from_its_samples(seed: int, step: float) -> None:
 
 @pytest.mark.parametrize("kappa", [0.0, 0.07, -0.07, 1e-4])
 @pytest.mark.parametrize("spacing", [1.0, 10.0])
-def test_points_of_a_circle_or_a_line_give_its_constant_curvature(
+def test_points_of_a_circle_or_a_line_give_a_constant_curvature(
     kappa: float, spacing: float
 ) -> None:
     arc = np.arange(0.0, 80.0 + 1e-9, spacing)
@@ -79,8 +82,8 @@ def test_points_of_a_circle_or_a_line_give_its_constant_curvature(
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_other_points_are_joined_by_the_spline(seed: int) -> None:
-    """Rounded ones, unevenly spaced ones, and a handful far apart, as generators propose them."""
+def test_other_points_are_joined_by_a_spline(seed: int) -> None:
+    """The points are rounded, unevenly spaced, or few and far apart, as of a generator."""
     rng = np.random.default_rng(seed)
     road = random_road(seed)
     assert_follows_the_spline(np.round(road.points, 1 + seed))
@@ -112,7 +115,7 @@ def test_few_points_are_joined_by_a_spline_of_lower_degree(
         np.testing.assert_allclose(road.curvatures, 0.0, rtol=0, atol=1e-12)
 
 
-def test_a_road_along_a_spline_has_the_splines_curvature() -> None:
+def test_a_road_along_a_spline_has_its_curvature() -> None:
     points = np.array([(0.0, 0.0), (40.0, 0.0), (70.0, 30.0), (70.0, 80.0), (100.0, 110.0)])
     u = np.linspace(0.0, 1.0, 200_001)
     (x, y), (a, b) = (competition_spline(points).derivative(k)(u).T for k in (1, 2))

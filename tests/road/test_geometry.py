@@ -1,3 +1,5 @@
+"""Geometry of roads, against numerical integration and brute force."""
+
 from __future__ import annotations
 
 import math
@@ -19,24 +21,24 @@ FloatArray = npt.NDArray[np.float64]
 
 
 def random_pose(rng: np.random.Generator) -> Pose:
-    """A pose up to 200 m from the origin."""
+    """Return a pose up to 200 m from the origin in x and in y."""
     x, y = rng.uniform(-200.0, 200.0, 2)
     return Pose(float(x), float(y), float(rng.uniform(-10.0, 10.0)))
 
 
 def beside(road: Road, s: float, d: float) -> tuple[float, float]:
-    """The place ``d`` m left of the centre line at ``s``."""
+    """Return the point ``d`` m left of the centre line at ``s``."""
     x, y, heading = road.pose_at(s)
     return x - d * math.sin(heading), y + d * math.cos(heading)
 
 
 def nearest(road: Road, positions: npt.ArrayLike) -> FloatArray:
-    """The nearest place of the whole road to each of (n, 2) positions."""
+    """Return the nearest place of the whole road to each of (n, 2) positions."""
     return np.concatenate([road.track([position]) for position in np.asarray(positions)])
 
 
 def reference_points(curvatures: FloatArray, step: float) -> FloatArray:
-    """The samples' positions by an adaptive Runge-Kutta method of order 8, piece by piece."""
+    """Integrate the samples' positions by a Runge-Kutta method of order 8, piece by piece."""
     points = [(0.0, 0.0)]
     heading = math.pi / 2
     for k0, k1 in pairwise(curvatures):
@@ -56,7 +58,7 @@ def reference_points(curvatures: FloatArray, step: float) -> FloatArray:
 
 
 def hairpin(apart: float = 9.0, leg: float = 60.0) -> Road:
-    """A straight leg, a turn to the left by 180 degrees, and a leg back, ``apart`` m away."""
+    """Return a road with a leg, a left turn of 180 degrees and a leg back, ``apart`` m away."""
     turn = np.concatenate([[0.0], np.full(8, math.pi / 8.0), [0.0]])
     step = apart / -float(Road(turn, 1.0).points[-1, 0])
     straight = np.zeros(math.ceil(leg / step))
@@ -64,10 +66,10 @@ def hairpin(apart: float = 9.0, leg: float = 60.0) -> Road:
 
 
 def gentle_road(rng: np.random.Generator) -> Road:
-    """A road whose heading stays within 45 degrees of its mean.
+    """Return a road whose heading stays within 45 degrees of its mean.
 
-    No two of its tangents' normals meet closer than the smallest radius: every point nearer than
-    that has one foot on the road and its straight extensions.
+    Its normals meet no closer than its smallest radius: every nearer point has a single foot on the
+    road and its straight extensions.
     """
     curvatures = random_curvatures(rng, int(rng.integers(15, 31))) * rng.uniform(0.2, 1.0)
     step = float(rng.choice([2.0, 5.0, 10.0]))
@@ -90,7 +92,7 @@ def gentle_road(rng: np.random.Generator) -> Road:
     ],
     ids=["fine", "coarse", "sharp", "two-pieces", "wriggle", "sharpest"],
 )
-def test_positions_and_headings_agree_with_a_reference_and_sub_steps_are_short(
+def test_positions_and_headings_agree_with_integration_and_sub_steps_are_short(
     step: float, curvatures: FloatArray
 ) -> None:
     road = Road(curvatures, step)
@@ -104,31 +106,29 @@ def test_positions_and_headings_agree_with_a_reference_and_sub_steps_are_short(
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_a_moved_mirrored_or_reversed_road_is_the_same(seed: int) -> None:
+def test_a_moved_mirrored_or_reversed_road_has_the_same_shape(seed: int) -> None:
     rng = np.random.default_rng(seed)
     curvatures, pose = random_curvatures(rng, 22), random_pose(rng)
-    road, there = Road(curvatures), Road(curvatures, pose=pose)
+    road, moved = Road(curvatures), Road(curvatures, pose=pose)
     angle = pose.heading - math.pi / 2
     turn = np.array([[math.cos(angle), math.sin(angle)], [-math.sin(angle), math.cos(angle)]])
-    np.testing.assert_allclose(there.points, road.points @ turn + pose[:2], rtol=0, atol=1e-9)
+    np.testing.assert_allclose(moved.points, road.points @ turn + pose[:2], rtol=0, atol=1e-9)
     mirrored = Road(-curvatures)
     np.testing.assert_allclose(mirrored.points, road.points * [-1.0, 1.0], rtol=0, atol=1e-9)
     end = road.pose_at(road.length)
-    back = Road(-curvatures[::-1], pose=(end.x, end.y, end.heading + math.pi))
-    np.testing.assert_allclose(back.points[::-1], road.points, rtol=0, atol=1e-8)
+    reversed_road = Road(-curvatures[::-1], pose=(end.x, end.y, end.heading + math.pi))
+    np.testing.assert_allclose(reversed_road.points[::-1], road.points, rtol=0, atol=1e-8)
 
 
 # Places along a road
 
 
 @pytest.mark.parametrize(("step", "seed"), [(10.0, 0), (25.0, 2), (0.7, 3)])
-def test_pose_and_curvature_anywhere_agree_with_a_road_sampled_there(
-    step: float, seed: int
-) -> None:
+def test_pose_and_curvature_between_samples_agree_with_a_cut_road(step: float, seed: int) -> None:
     rng = np.random.default_rng(seed)
     road = Road(random_curvatures(rng, 25), step, random_pose(rng))
     for distance in [road.length, *rng.uniform(0.0, road.length, 20)]:
-        # The same road cut off at `distance`: whole pieces, then the start of one.
+        # The piece of the road that ends at `distance`.
         i = min(int(distance / step), len(road.curvatures) - 2)
         rest = distance - i * step
         start = Pose(float(road.points[i, 0]), float(road.points[i, 1]), float(road.headings[i]))
@@ -152,7 +152,7 @@ def test_beyond_its_ends_a_road_goes_straight_on() -> None:
     assert curvatures.tolist() == [[0.0, road.curvatures[0]], [road.curvatures[-1], 0.0]]
 
 
-def test_distances_agree_with_numpy_linspace_and_are_at_most_the_spacing_apart() -> None:
+def test_distances_are_even_and_at_most_the_spacing_apart() -> None:
     rng = np.random.default_rng(2)
     for spacing in [1000.0, 2.0, *rng.uniform(0.1, 30.0, 200).tolist()]:
         road = Road(np.zeros(rng.integers(2, 40)), float(rng.choice([10.0, rng.uniform(0.3, 20)])))
@@ -162,7 +162,7 @@ def test_distances_agree_with_numpy_linspace_and_are_at_most_the_spacing_apart()
         assert len(distances) == 2 or road.length / (len(distances) - 2) > spacing
 
 
-def test_sampled_points_face_the_centre_line_at_the_offset() -> None:
+def test_sampled_points_lie_beside_the_centre_line_at_the_offset() -> None:
     rng = np.random.default_rng(7)
     for offset, spacing in ((-8.0, 0.5), (0.0, 2.0), (3.3, 3.7)):
         road = Road(random_curvatures(rng, 20))
@@ -176,27 +176,27 @@ def test_sampled_points_face_the_centre_line_at_the_offset() -> None:
 
 @given(st.integers(0, 2**32 - 1), st.floats(-0.2, 1.2), st.floats(-0.85, 0.85))
 @settings(max_examples=100)
-def test_projecting_a_point_gives_the_place_that_it_was_made_from(
+def test_projecting_a_point_beside_a_road_restores_its_place(
     seed: int, place: float, share: float
 ) -> None:
     road = gentle_road(np.random.default_rng(seed))
     s = place * road.length
     d = min(share / float(np.abs(road.curvatures).max()), 200.0)
-    ((found_s, found_d),) = nearest(road, [beside(road, s, d)])
-    assert found_s == pytest.approx(s, abs=1e-5)
-    assert found_d == pytest.approx(d, abs=1e-6)
+    ((foot, offset),) = nearest(road, [beside(road, s, d)])
+    assert foot == pytest.approx(s, abs=1e-5)
+    assert offset == pytest.approx(d, abs=1e-6)
 
 
 @pytest.mark.parametrize("seed", range(4))
 def test_projection_finds_the_nearest_point_of_the_whole_road(seed: int) -> None:
-    """Against all points of the road, 2 cm apart, on roads that may cross themselves."""
+    """The reference is the nearest of the road's points 2 cm apart; roads may cross themselves."""
     rng = np.random.default_rng(seed)
     road = Road(random_curvatures(rng, 25))
     dense = road.sample(0.02)
     positions = rng.uniform(dense.min(axis=0) - 10.0, dense.max(axis=0) + 10.0, (300, 2))
     between = np.hypot(*(positions[:, None] - dense[None]).transpose(2, 0, 1))
     closest = between.argmin(axis=1)
-    # Beside the ends' straight extensions the foot is no point of the road.
+    # Near the straight extensions of the ends, the foot is no point of the road.
     inside = (closest > 0) & (closest < len(dense) - 1)
     places = nearest(road, positions[inside])
     expected = between.min(axis=1)[inside]
@@ -218,13 +218,13 @@ def test_a_path_stays_on_its_leg_of_a_hairpin() -> None:
     np.testing.assert_allclose(road.track(path), np.column_stack([y, -x]), rtol=0, atol=1e-6)
     places = nearest(road, path)
     beyond = x < -4.6
-    # To the left of the leg that comes back lies the one that the path is on.
+    # The leg of the path lies left of the leg back.
     expected = np.column_stack([road.length - y, 9.0 + x])
     np.testing.assert_allclose(places[beyond], expected[beyond], rtol=0, atol=1e-6)
 
 
 @pytest.mark.parametrize("offset", [-6.0, 0.0, 4.0])
-def test_a_path_along_a_tight_road_is_followed_at_car_speeds(offset: float) -> None:
+def test_a_path_along_a_tight_road_is_tracked_at_car_speeds(offset: float) -> None:
     road = Road([0.0, 0.05, 0.07, 0.07, 0.02, -0.03, -0.07, -0.07, 0.0])
     # 1.7 m of centre line between positions: 34 m/s, seen at 20 Hz.
     distances = np.linspace(-3.0, road.length + 3.0, 51)
@@ -238,7 +238,8 @@ def test_a_path_along_a_tight_road_is_followed_at_car_speeds(offset: float) -> N
 
 def test_a_fitted_road_lies_in_the_map_with_its_curvatures() -> None:
     rng = np.random.default_rng(0)
-    for scale in (0.2, 1.0, 0.2, 1.0):  # small curvatures give narrow roads, which fit turned only
+    # Roads of small curvatures are long, and fit only when turned.
+    for scale in (0.2, 1.0, 0.2, 1.0):
         values = random_curvatures(rng, 22) * scale
         road = Road(values, 10.0, random_pose(rng), lane_width=5.0)
         fitted = road.fitted()
@@ -254,7 +255,7 @@ def test_a_fitted_road_lies_in_the_map_with_its_curvatures() -> None:
     assert longer.fitted(map_margin=5.0) is not None
 
 
-def test_a_road_cannot_be_changed_and_makes_floats_of_any_numbers() -> None:
+def test_a_road_is_read_only_and_turns_numbers_into_floats() -> None:
     values = np.array([0, 1, 0])
     road = Road(values, 2, (1, 2, 3))
     values[0] = 1
@@ -301,10 +302,3 @@ def test_bad_values_are_refused_by_name(values: Any, options: dict[str, Any], me
 def test_sampled_points_lie_at_the_offset_to_the_left() -> None:
     points = Road([0.0, 0.0], pose=(0.0, 0.0, 0.0)).sample(10.0, 3.0)
     assert points == pytest.approx(np.array([[0.0, 3.0], [10.0, 3.0]]))
-
-
-def test_a_road_fits_the_map_and_its_margin() -> None:
-    longer = Road([0.0, 0.0, 0.0], 128.0)
-    assert longer.fitted() is None
-    assert longer.fitted(300.0) is not None
-    assert longer.fitted(map_margin=5.0) is not None

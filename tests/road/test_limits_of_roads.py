@@ -1,4 +1,4 @@
-"""Speed limits along a road: of its map, in files, under rules."""
+"""Speed limits along a road: read from maps, kept in files, applied by rules."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ LIMITS = st.lists(
 
 
 def road_map(types: str, right: str = "", left: str = "", *, sections: str = "") -> RoadMap:
-    """A map of one straight road of 200 m with a lane on each side."""
+    """Return a map of one straight road of 200 m with a lane on each side."""
     width = '<width sOffset="0" a="3.5" b="0" c="0" d="0"/>'
     lanes = sections or (
         f'<laneSection s="0"><left><lane id="1" type="driving">{width}{left}</lane></left>'
@@ -40,6 +40,7 @@ def road_map(types: str, right: str = "", left: str = "", *, sections: str = "")
 
 
 def type_of(s: float, speed: str) -> str:
+    """Return a `<type>` of a road, from s m on, with a speed."""
     return f'<type s="{s}" type="town">{speed}</type>'
 
 
@@ -50,10 +51,10 @@ def type_of(s: float, speed: str) -> str:
         ('<speed max="50" unit="KM/H"/>', 50.0),
         ('<speed max="30" unit="mph"/>', 48.28032),
         ('<speed max="10" unit="m/s"/>', 36.0),
-        ('<speed max="10"/>', 36.0),  # the standard's own unit
+        ('<speed max="10"/>', 36.0),  # m/s is the default unit of the standard
     ],
 )
-def test_limit_of_a_map_is_read_in_its_unit_and_written_in_kmh(speed: str, limit: float) -> None:
+def test_a_limit_is_read_in_its_unit_and_written_in_kmh(speed: str, limit: float) -> None:
     of_type = road_map(type_of(0, speed)).road()
     of_lane = road_map(
         type_of(0, '<speed max="70"/>'), speed.replace("<speed", '<speed sOffset="0"')
@@ -73,20 +74,20 @@ def test_a_road_has_no_limit_where_its_map_has_none(text: str) -> None:
 
 
 @pytest.mark.parametrize(
-    ("speed", "words"),
+    ("speed", "message"),
     [
         ('<speed max="50" unit="knots"/>', "unit='knots': km/h, kmh, kph, mph, m/s are known"),
         ('<speed max="fast"/>', "max='fast'"),
         ('<speed max="nan"/>', "max='nan'"),
     ],
 )
-def test_limit_that_is_no_speed_is_refused(speed: str, words: str) -> None:
+def test_a_limit_that_is_no_speed_is_refused(speed: str, message: str) -> None:
     with pytest.raises(RoadError, match="a <speed> has") as error:
         road_map(type_of(0, speed)).road()
-    assert words in str(error.value)
+    assert message in str(error.value)
 
 
-def test_limit_of_a_lane_comes_before_that_of_the_type_each_from_its_offset_on() -> None:
+def test_the_limit_of_a_lane_overrides_the_limit_of_the_road_type() -> None:
     types = type_of(0, '<speed max="100" unit="km/h"/>') + type_of(
         150, '<speed max="80" unit="km/h"/>'
     )
@@ -94,16 +95,17 @@ def test_limit_of_a_lane_comes_before_that_of_the_type_each_from_its_offset_on()
     left = '<speed sOffset="120" max="30" unit="km/h"/>'
     roads = road_map(types, right, left)
     assert_steps(roads.road(), [(0, 100), (40, 60), (90, 100), (150, 80)])
-    # Driven against the road: its lane's 30 km/h hold from 200 m down to 120 m.
+    # Against the road's direction, the 30 km/h hold from 200 m down to 120 m.
     assert_steps(roads.road(lane=1), [(0, 30), (80, 100)])
 
 
 def assert_steps(road: Road, expected: list[tuple[float, float]]) -> None:
+    """Assert the road's limits, in km/h, and their places, in m."""
     assert road.speed_limits[:, 1].tolist() == [limit for _, limit in expected]
     assert road.speed_limits[:, 0] == pytest.approx([s for s, _ in expected], abs=0.06)
 
 
-def test_limits_go_on_along_a_stretch_of_roads(tmp_path: Path) -> None:
+def test_limits_continue_along_a_stretch_of_roads(tmp_path: Path) -> None:
     first = Road(np.zeros(11), speed_limits=[(0, 50), (60, 70)])
     second = Road(np.zeros(6), pose=first.pose_at(100.0), speed_limits=[(0, 70), (20, 30)])
     roads = [to_opendrive(road) for road in (first, second)]
@@ -119,39 +121,41 @@ def test_limits_go_on_along_a_stretch_of_roads(tmp_path: Path) -> None:
 
 
 @given(LIMITS)
-def test_limits_survive_road_files_and_opendrive(pairs: list[tuple[float, float]]) -> None:
+def test_limits_are_read_back_from_road_files_and_opendrive(
+    pairs: list[tuple[float, float]],
+) -> None:
     road = Road(np.zeros(21), speed_limits=pairs)
     entries = json.loads(json.dumps(entries_of(road)))
     assert ("speed_limits" in entries) == any(limit for _, limit in pairs)
     read = Road(entries["curvatures"], speed_limits=entries.get("speed_limits", ()))
     assert np.array_equal(read.speed_limits, road.speed_limits)
-    again = RoadMap(to_opendrive(road, speed_limit=70.0).encode()).road()
+    read_map = RoadMap(to_opendrive(road, speed_limit=70.0).encode()).road()
     places = np.linspace(0.0, 199.9, 1000)
     expected = profile.steps_at(Rules(speed_limit=70.0).speed_limits_on(road), places)
-    assert np.array_equal(profile.steps_at(again.speed_limits, places), expected)
+    assert np.array_equal(profile.steps_at(read_map.speed_limits, places), expected)
 
 
 @given(LIMITS, st.integers(0, 19), st.integers(1, 20))
-def test_piece_of_a_road_has_its_limits(
+def test_a_piece_of_a_road_keeps_its_limits(
     pairs: list[tuple[float, float]], first: int, count: int
 ) -> None:
     road = Road(np.zeros(41), speed_limits=pairs)
     piece = road.piece(first, first + count)
     places = np.arange(0.0, piece.length, 0.5)
-    there = profile.steps_at(road.speed_limits, places + 10.0 * first)
-    assert np.array_equal(profile.steps_at(piece.speed_limits, places), there)
+    expected = profile.steps_at(road.speed_limits, places + 10.0 * first)
+    assert np.array_equal(profile.steps_at(piece.speed_limits, places), expected)
     assert all(a != b for a, b in pairwise(piece.speed_limits[:, 1]))
 
 
 def test_limits_that_a_road_cannot_have_are_refused() -> None:
-    for limits, words in (
+    for limits, message in (
         ([(0, 600)], "at most 500"),
         ([(0, -5)], "speed_limits is -5 km/h: at least 0"),
         ([(0, 0.5)], "speed_limits is 0.5 km/h: at least 1 is needed, or 0"),
         ([(10, 50), (0, 30)], "ascend"),
         ([50, 30], "shape"),
     ):
-        with pytest.raises(RoadError, match=words):
+        with pytest.raises(RoadError, match=message):
             Road([0.0, 0.0], speed_limits=limits)
 
 
@@ -183,7 +187,7 @@ def test_rules_keep_scale_or_ignore_the_limits_of_a_road() -> None:
         ([(60, 30)], "30 km/h, of the road; where it has none, 70 km/h, assumed"),
     ],
 )
-def test_words_name_the_limits_that_a_car_meets(
+def test_the_text_names_the_limits_that_a_car_meets(
     limits: list[tuple[float, float]], text: str
 ) -> None:
     assert Rules().limit_text(Road(np.zeros(15), speed_limits=limits)) == text

@@ -1,4 +1,4 @@
-"""OpenDRIVE files: ours are exact and always the same, those of others are read or refused."""
+"""OpenDRIVE: our files are exact and constant; files of other programs are read or refused."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ from frenetic.road import Road, profile
 from frenetic.road.opendrive import RoadMap, to_opendrive
 
 Clothoid: TypeAlias = tuple[float, float, float, float, float, float]
-"""x, y, heading, length, curvatures at start and end."""
+"""x, y, heading, length, curvature at the start, curvature at the end."""
 NODES, WEIGHTS = np.polynomial.legendre.leggauss(60)
 
 
 def end_of(geometry: Clothoid) -> tuple[float, float, float]:
-    """Where a clothoid ends, by a quadrature of its own."""
+    """Return x, y and heading at the end of a clothoid, by Gauss-Legendre quadrature."""
     x, y, heading, length, start, end = geometry
     u = 0.5 * length * (NODES + 1.0)
     angle = heading + u * (start + 0.5 * (end - start) / length * u)
@@ -33,7 +33,7 @@ def end_of(geometry: Clothoid) -> tuple[float, float, float]:
 
 
 def plan_view(text: str) -> list[tuple[str, Clothoid]]:
-    """The geometries of a file and their kinds; contiguous by their distances along the road."""
+    """Return kind and geometry of each `<geometry>`; assert that their distances have no gaps."""
     geometries, s = [], 0.0
     for geometry in ElementTree.fromstring(text.encode()).iter("geometry"):
         assert float(geometry.attrib["s"]) == pytest.approx(s, abs=1e-8)
@@ -50,7 +50,7 @@ curvature = st.floats(-0.07, 0.07).map(lambda value: round(value, 6))
 
 @st.composite
 def roads(draw: st.DrawFn) -> Road:
-    """Roads as a search makes them, and ones with values that are nearly alike."""
+    """Draw roads as of a search, some with neighbouring values that are nearly equal."""
     nearly = st.sampled_from([0.0, 1e-13, 1e-12, 3e-11, 1e-10, 5e-10, 1e-9, 2e-9, 1e-7])
     values = draw(st.lists(curvature, min_size=2, max_size=40))
     for i in range(1, len(values)):
@@ -74,7 +74,7 @@ def roads(draw: st.DrawFn) -> Road:
 
 
 @given(roads())
-def test_the_geometries_join_end_where_the_road_ends_and_suit_all_readers(road: Road) -> None:
+def test_geometries_join_and_end_at_the_end_of_the_road(road: Road) -> None:
     expected: tuple[float, ...] = road.pose
     for kind, geometry in plan_view(to_opendrive(road)):
         x, y, heading, _, start, end = geometry
@@ -84,12 +84,12 @@ def test_the_geometries_join_end_where_the_road_ends_and_suit_all_readers(road: 
             assert not np.isclose(start, end)
         if kind == "arc":
             assert abs(start) >= 1e-10
-        expected = end_of(geometry)  # from where the file says, so that no errors add up unseen
+        expected = end_of(geometry)  # from the start in the file, so that errors do not add up
     x, y, _ = road.pose_at(road.length)
     assert math.hypot(expected[0] - x, expected[1] - y) < 1e-6
 
 
-def test_header_lanes_marks_and_speed() -> None:
+def test_header_lanes_marks_and_speed_are_written() -> None:
     road = Road([0.01, 0.05, -0.03, 0.0], pose=(5.0, -7.0, 1.0), lane_width=3.5)
     root = ElementTree.fromstring(to_opendrive(road, speed_limit=50.0, origin=(-33.5, 151.25)))
     header, speed = root.find("header"), root.find("road/type/speed")
@@ -124,7 +124,7 @@ def test_any_name_can_be_written(name: str) -> None:
 
 
 @pytest.mark.parametrize(
-    ("options", "complaint"),
+    ("options", "message"),
     [
         ({"speed_limit": 0.0}, "speed_limit is 0"),
         ({"speed_limit": math.nan}, "speed_limit is nan"),
@@ -132,12 +132,12 @@ def test_any_name_can_be_written(name: str) -> None:
         ({"origin": (0.0, math.nan)}, r"origin is \(0, nan\)"),
     ],
 )
-def test_senseless_options_are_refused(options: dict[str, Any], complaint: str) -> None:
-    with pytest.raises(RoadError, match=complaint):
+def test_invalid_options_are_refused(options: dict[str, Any], message: str) -> None:
+    with pytest.raises(RoadError, match=message):
         to_opendrive(Road([0.0, 0.0]), **options)
 
 
-# Reading what we wrote
+# Reading our files
 
 
 @given(roads())
@@ -170,14 +170,14 @@ def test_an_edited_file_is_read_from_its_geometries() -> None:
 
 
 @pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "utf-16", "iso-8859-1"])
-def test_other_encodings_and_a_namespace(encoding: str) -> None:
+def test_other_encodings_and_a_namespace_are_read(encoding: str) -> None:
     text = to_opendrive(Road([0.0, 0.03]), name="Straße")
     text = text.replace("UTF-8", encoding.removesuffix("-sig"))
     text = text.replace("<OpenDRIVE>", '<OpenDRIVE xmlns="http://asam.net/opendrive">')
     assert RoadMap(text.encode(encoding)).road().curvatures.tolist() == [0.0, 0.03]
 
 
-# Reading what others wrote
+# Reading files of other programs
 
 WIDTH = '<width sOffset="0" a="3.5" b="0" c="0" d="0"/>'
 LANE = f'<lane id="-1" type="driving">{WIDTH}</lane>'
@@ -188,6 +188,7 @@ SIDE_END = "</right></laneSection>"
 
 
 def section(right: str, left: str = "", start: float = 0.0) -> str:
+    """Return a `<laneSection>` with these lanes, from `start` m on."""
     return f'<laneSection s="{start}"><left>{left}</left><right>{right}</right></laneSection>'
 
 
@@ -201,6 +202,7 @@ def foreign(
     sections: str = section(LANE),
     after: str = "",
 ) -> bytes:
+    """Return an OpenDRIVE file of one road."""
     return (
         f"<OpenDRIVE>{header}<road {attributes}><planView>{plan}</planView>{profiles}"
         f"<lanes>{offsets}{sections}</lanes></road>{after}</OpenDRIVE>"
@@ -208,7 +210,7 @@ def foreign(
 
 
 def chain(pieces: list[tuple[float, float, float]], digits: int = 12) -> tuple[str, FloatArray]:
-    """A plan view of (length, start, end) clothoids, and points of it every 50 cm, (n, 2)."""
+    """Return a plan view of (length, start, end) clothoids, and its points every 50 cm, (n, 2)."""
     pose = (12.0, -3.0, 0.4)
     plan, points = [], [pose[:2]]
     for length, start, end in pieces:
@@ -219,35 +221,36 @@ def chain(pieces: list[tuple[float, float, float]], digits: int = 12) -> tuple[s
         place = f'x="{x}" y="{y}" hdg="{heading}" length="{length}"'
         plan.append(f"<geometry {place}>{shape}</geometry>")
         for share in np.linspace(0.0, 1.0, math.ceil(length / 0.5) + 1)[1:].tolist():
-            there = start + (end - start) * share
-            points.append(end_of((*pose, length * share, start, there))[:2])
+            curvature_there = start + (end - start) * share
+            points.append(end_of((*pose, length * share, start, curvature_there))[:2])
         pose = end_of((*pose, length, start, end))
     return "".join(plan), np.array(points)
 
 
-def away(road: Road, points: FloatArray) -> float:
+def distance_from(road: Road, points: FloatArray) -> float:
+    """Return the largest distance in m between the points and the road, ends included."""
     track = road.track(points)
     ends = abs(track[0, 0]), abs(track[-1, 0] - road.length)
     return max(*map(float, ends), float(np.abs(track[:, 1]).max()))
 
 
-def test_a_file_whose_small_gaps_add_up_is_followed_as_it_is_drawn() -> None:
+def test_a_road_follows_a_line_whose_small_gaps_add_up() -> None:
     starts = np.array([(20.0 * i, 0.006 * i) for i in range(6)])
     geometry = '<geometry x="{}" y="{}" hdg="0" length="20"><line/></geometry>'
     road = RoadMap(foreign("".join(geometry.format(x, y) for x, y in starts))).road()
     assert np.abs(road.track(starts)[:, 1]).max() < 0.01
 
 
-BENDS = 20
+BENDS = 20  # of `rounded_map`
 
 
-def rounded_map(seed: int, decimals: int, wrong: float = 0.0) -> tuple[bytes, FloatArray]:
-    """A road with 20 bends whose numbers are rounded, and points of the exact one, (n, 2).
+def rounded_map(seed: int, decimals: int, sideways: float = 0.0) -> tuple[bytes, FloatArray]:
+    """Return a map of a road with 20 bends and rounded numbers, and the exact points, (n, 2).
 
     Args:
-        seed: of the road.
-        decimals: of headings; coordinates and lengths have two.
-        wrong: m by which a geometry in the middle, and all after it, are moved sideways.
+        seed: seed of the road.
+        decimals: decimals of headings; coordinates and lengths have two.
+        sideways: distance in m by which the second half of the road is moved sideways.
     """
     rng = np.random.default_rng(seed)
     pieces = []
@@ -258,16 +261,16 @@ def rounded_map(seed: int, decimals: int, wrong: float = 0.0) -> tuple[bytes, Fl
     pose = (*rng.uniform(-500.0, 500.0, 2).tolist(), rng.uniform(-3.0, 3.0))
     plan, points = [], []
     for i, (length, start, end) in enumerate(pieces):
-        if wrong and i == len(pieces) // 2:
+        if sideways and i == len(pieces) // 2:
             x, y, heading = pose
-            pose = (x - wrong * math.sin(heading), y + wrong * math.cos(heading), heading)
+            pose = (x - sideways * math.sin(heading), y + sideways * math.cos(heading), heading)
         x, y, heading = pose
         shape = f'<spiral curvStart="{start}" curvEnd="{end}"/>'
         place = f'x="{x:.2f}" y="{y:.2f}" hdg="{heading:.{decimals}f}" length="{length:.2f}"'
         plan.append(f"<geometry {place}>{shape}</geometry>")
         for share in np.linspace(0.0, 1.0, 9)[1:].tolist():
-            there = start + (end - start) * share
-            points.append(end_of((*pose, length * share, start, there))[:2])
+            curvature_there = start + (end - start) * share
+            points.append(end_of((*pose, length * share, start, curvature_there))[:2])
         pose = end_of((*pose, length, start, end))
     return foreign("".join(plan)), np.array(points)
 
@@ -281,9 +284,9 @@ def test_maps_with_coordinates_of_two_decimals_are_read(decimals: int) -> None:
         assert np.abs(road.track(points)[:, 1]).max() < 0.012
 
 
-def test_a_line_that_is_wrong_sideways_is_refused_with_its_distance() -> None:
+def test_a_sideways_jump_is_refused_with_its_distance() -> None:
     for seed in range(10):
-        data, _ = rounded_map(seed, 6, wrong=0.08)
+        data, _ = rounded_map(seed, 6, sideways=0.08)
         with pytest.raises(RoadError, match="jumps sideways by") as caught:
             RoadMap(data).road()
         number = re.search(r"by (0\.\d+) m", str(caught.value))
@@ -291,17 +294,17 @@ def test_a_line_that_is_wrong_sideways_is_refused_with_its_distance() -> None:
         assert float(number[1]) == pytest.approx(0.08, abs=0.0142)
 
 
-def test_the_number_of_a_refusal_is_the_distance_at_the_nearest_place() -> None:
-    # Lanes that step by 3 m in one place: no smooth road stays near both parts.
+def test_a_refusal_names_the_distance_at_the_nearest_place() -> None:
+    # Lanes that step by 3 m at one place: no smooth road is near both parts.
     data = foreign(offsets='<laneOffset s="0"/><laneOffset s="10" a="3"/>')
     with pytest.raises(RoadError, match="the nearest lies") as caught:
         RoadMap(data).road()
     numbers = re.search(r"lies ([\d.]+) m beside it ([\d.]+) m along", str(caught.value))
     assert numbers is not None
-    assert 1.5 < float(numbers[1]) < 3.01  # half the step cannot be avoided
+    assert 1.5 < float(numbers[1]) < 3.01  # a smooth road misses a part by at least half the step
 
 
-def test_geometries_that_overlap_or_leave_gaps_along_the_road_are_read() -> None:
+def test_overlaps_and_gaps_along_the_road_are_closed() -> None:
     for gap in (-0.04, 0.004, 0.04):
         starts = np.arange(8) * (20.0 + gap)
         geometry = '<geometry x="{}" y="0" hdg="0" length="20"><line/></geometry>'
@@ -310,7 +313,7 @@ def test_geometries_that_overlap_or_leave_gaps_along_the_road_are_read() -> None
         assert np.abs(road.points[:, 1]).max() < 1e-9
 
 
-def test_gaps_are_closed_in_no_time_however_dense_they_are() -> None:
+def test_many_dense_gaps_are_closed() -> None:
     geometry = '<geometry x="{:.4f}" y="{}" hdg="0" length="0.005"><line/></geometry>'
     plan = [geometry.format(0.005 * i, 0.002 * (i % 2)) for i in range(20_000)]
     road = RoadMap(foreign("".join(plan))).road()
@@ -326,17 +329,17 @@ clothoids = st.one_of(
 
 
 @given(st.lists(clothoids, min_size=1, max_size=6))
-def test_a_road_keeps_within_a_centimetre_of_a_line_whose_curvature_jumps(
+def test_a_road_is_within_a_centimetre_of_a_line_with_jumps_of_curvature(
     pieces: list[tuple[float, float, float]],
 ) -> None:
     plan, points = chain(pieces)
     road = RoadMap(foreign(plan)).road()
     assert road.length == pytest.approx(sum(piece[0] for piece in pieces))
-    assert away(road, points) < 0.01
+    assert distance_from(road, points) < 0.01
 
 
 @pytest.mark.parametrize("shape", ["arcLength", "normalized", ""])
-def test_polynomials_after_a_line(shape: str) -> None:
+def test_polynomials_are_read(shape: str) -> None:
     p = np.linspace(0.0, 1.0, 4001)
     u, v = np.array([0.0, 90.0, -90.0, 60.0]), np.array([0.0, 0.0, 60.0, -40.0])  # a Bezier curve
     points = np.column_stack([30.0 + np.polyval(u[::-1], p), np.polyval(v[::-1], p)])
@@ -353,7 +356,7 @@ def test_polynomials_after_a_line(shape: str) -> None:
     road = RoadMap(foreign(LINE + bend)).road()
     assert road.length == pytest.approx(30.0 + length, abs=1e-3)
     line = np.column_stack([np.linspace(0.0, 29.9, 300), np.zeros(300)])
-    assert away(road, np.concatenate([line, points[::10]])) < 0.01
+    assert distance_from(road, np.concatenate([line, points[::10]])) < 0.01
 
 
 def test_any_lane_can_be_chosen() -> None:
@@ -377,8 +380,8 @@ def test_any_lane_can_be_chosen() -> None:
         mean = float(road.curvature_at(0.5 * road.length))
         assert mean == pytest.approx(math.copysign(1.0 / (radius - shift), -lane), rel=0.01)
     for kind in (b"median", b"bus"):
-        usual = RoadMap(data.replace(b"median", kind)).road()
-        assert usual.points == pytest.approx(RoadMap(data).road(lane=-2).points)
+        default_lane = RoadMap(data.replace(b"median", kind)).road()
+        assert default_lane.points == pytest.approx(RoadMap(data).road(lane=-2).points)
     with pytest.raises(RoadError, match=r"lane -1.*'median'.*chosen as 'lane': -2, -3, 2, 1\)"):
         RoadMap(data).road(lane=-1)
     with pytest.raises(RoadError, match="lane -4, right of the centre, is missing"):
@@ -390,7 +393,7 @@ def test_any_lane_can_be_chosen() -> None:
         RoadMap(foreign(sections=section(reverse))).road(lane=-1)
 
 
-def test_inner_lanes_whose_width_changes_move_the_lane() -> None:
+def test_a_lane_follows_the_changing_width_of_inner_lanes() -> None:
     wider = '<width sOffset="0" a="3"/><width sOffset="5" a="3" c="0.03" d="-0.002"/>'
     wider += '<width sOffset="15" a="4"/>'
     right = (
@@ -404,12 +407,13 @@ def test_inner_lanes_whose_width_changes_move_the_lane() -> None:
 
 
 def linked(lane: int, kind: str = "", other: int = 0) -> str:
+    """Return a `<lane>` with a link to another lane."""
     link = f'<link><{kind} id="{other}"/></link>' if kind else ""
     return f'<lane id="{lane}" type="driving">{link}{WIDTH}</lane>'
 
 
-def test_the_links_of_lanes_are_followed_from_section_to_section() -> None:
-    # A lane of 3.5 m opens inside of the one that is driven, and the road moves over by as much.
+def test_links_of_lanes_are_followed_between_sections() -> None:
+    # A lane of 3.5 m opens inside the driven lane, and the road moves aside by 3.5 m.
     offsets = '<laneOffset s="0" a="0"/><laneOffset s="12" a="3.5"/>'
     sections = section(linked(-1, "successor", -2)) + section(linked(-1) + linked(-2), start=12.0)
     road = RoadMap(foreign(offsets=offsets, sections=sections)).road()
@@ -417,14 +421,14 @@ def test_the_links_of_lanes_are_followed_from_section_to_section() -> None:
     against = offsets.replace("3.5", "-3.5")
     sections = section("", linked(1)) + section("", linked(1) + linked(2, "predecessor", 1), 12.0)
     road = RoadMap(foreign(offsets=against, sections=sections)).road(lane=2)
-    assert away(road, np.column_stack([np.linspace(30.0, 0.0, 31), np.zeros(31)])) < 1e-3
+    assert distance_from(road, np.column_stack([np.linspace(30.0, 0.0, 31), np.zeros(31)])) < 1e-3
     sections = section(linked(-1, "successor", 1)) + section(linked(-1), start=12.0)
     with pytest.raises(RoadError, match="leads to lane 1, which is driven the other way"):
         RoadMap(foreign(sections=sections)).road()
 
 
 @pytest.mark.parametrize("lane", [1, -1])
-def test_a_section_for_one_side_leaves_the_other_sides_section_in_force(lane: int) -> None:
+def test_a_section_for_one_side_does_not_end_the_section_of_the_other_side(lane: int) -> None:
     wide = WIDTH.replace("3.5", "3.25")
     both = section(LANE, LANE.replace("-1", "1"))
     side = "left" if lane < 0 else "right"
@@ -434,12 +438,13 @@ def test_a_section_for_one_side_leaves_the_other_sides_section_in_force(lane: in
     assert road_map.road(lane=lane).is_plain
     assert road_map.road(lane=lane).lane_width == 3.5
     assert road_map.road(lane=-lane).lane_width == 3.25
-    # Without the word it holds for both sides, and has no such lane.
+    # Without `singleSide` the section holds for both sides, and lacks this lane.
     with pytest.raises(RoadError, match=f"lane {lane}, .* is missing"):
         RoadMap(foreign(sections=both + single.replace("true", "false"))).road(lane=lane)
 
 
 def level_lane(lane: int, *, is_level: bool, width: float = 3.0) -> str:
+    """Return a `<lane>` with the attribute `level`."""
     level = "true" if is_level else "false"
     return (
         f'<lane id="{lane}" type="driving" level="{level}"><width sOffset="0" a="{width}"/></lane>'
@@ -450,7 +455,7 @@ def level_lane(lane: int, *, is_level: bool, width: float = 3.0) -> str:
     ("are_level", "tilted", "lean"),
     [((False, False), 3.0, True), ((False, True), 3.0, False), ((True, True), 0.0, False)],
 )
-def test_level_lanes_neither_lean_nor_carry_the_lean_outwards(
+def test_level_lanes_do_not_lean_and_do_not_move_outer_lanes(
     are_level: tuple[bool, bool], tilted: float, lean: bool
 ) -> None:
     profiles = '<lateralProfile><superelevation s="0" a="0" b="0.005"/></lateralProfile>'
@@ -464,22 +469,22 @@ def test_level_lanes_neither_lean_nor_carry_the_lean_outwards(
         assert (len(road.superelevation) > 0) == lean
 
 
-def test_a_shape_across_is_no_matter_to_a_lane_that_is_level() -> None:
+def test_a_shape_across_the_road_does_not_change_a_level_lane() -> None:
     shapes = '<shape s="0" t="-9" b="0.02"/><shape s="0" t="0" a="0.18" b="-0.02"/>'
     crossfall = '<crossfall side="both" s="0" a="0.02"/>'
     for profiles in (shapes, crossfall):
-        inside = f"<lateralProfile>{profiles}</lateralProfile>"
+        profile_element = f"<lateralProfile>{profiles}</lateralProfile>"
         level = section(level_lane(-1, is_level=True))
-        assert RoadMap(foreign(profiles=inside, sections=level)).road().is_plain
+        assert RoadMap(foreign(profiles=profile_element, sections=level)).road().is_plain
         second = section(level_lane(-1, is_level=False) + level_lane(-2, is_level=True))
         with pytest.raises(RoadError, match="is shaped across"):
-            RoadMap(foreign(profiles=inside, sections=second)).road(lane=-2)
+            RoadMap(foreign(profiles=profile_element, sections=second)).road(lane=-2)
     rising = "<lateralProfile>" + shapes + shapes.replace('s="0"', 's="9"').replace("0.18", "0.3")
     with pytest.raises(RoadError, match="is shaped across"):
         RoadMap(foreign(profiles=rising + "</lateralProfile>", sections=level)).road()
 
 
-def test_a_lane_of_ours_that_was_made_level_is_level() -> None:
+def test_an_edited_level_lane_is_level() -> None:
     text = to_opendrive(Road([0.0] * 5, superelevation=0.05))
     level = text.replace(
         'id="-1" type="driving" level="false"', 'id="-1" type="driving" level="true"'
@@ -488,28 +493,33 @@ def test_a_lane_of_ours_that_was_made_level_is_level() -> None:
     assert RoadMap(level.encode()).road().is_flat
 
 
-def profiled(inside: str, kind: str = "lateralProfile") -> bytes:
-    return foreign(profiles=f"<{kind}>{inside}</{kind}>")
+def profiled(elements: str, kind: str = "lateralProfile") -> bytes:
+    """Return a file with these elements in a profile."""
+    return foreign(profiles=f"<{kind}>{elements}</{kind}>")
 
 
 def shape(element: str) -> bytes:
+    """Return a file whose geometry has this shape."""
     return foreign(LINE.replace("<line/>", element))
 
 
 def place(text: str, other: str) -> bytes:
+    """Return a file with a text of its geometry replaced."""
     return foreign(LINE.replace(text, other))
 
 
 def lane(text: str, other: str) -> bytes:
+    """Return a file with a text of its lane replaced."""
     return foreign(sections=section(LANE.replace(text, other)))
 
 
 def joint(text: str, other: str) -> bytes:
+    """Return a file of two geometries with a text of the second replaced."""
     return foreign(LINE + LINE.replace('x="0"', 'x="30"').replace(text, other))
 
 
 @pytest.mark.parametrize(
-    ("data", "complaint"),
+    ("data", "message"),
     [
         (b"", "not XML: no element found"),
         (b'<?xml version="1.0" encoding="klingon"?><a/>', "not XML"),
@@ -580,8 +590,8 @@ def joint(text: str, other: str) -> bytes:
         (foreign(after="<a/>" * 1_000_000), "more than 1000000 elements"),
     ],
 )
-def test_an_unreadable_file_gives_one_line(data: bytes, complaint: str) -> None:
-    with pytest.raises(RoadError, match=complaint) as caught:
+def test_an_unreadable_file_is_a_one_line_error(data: bytes, message: str) -> None:
+    with pytest.raises(RoadError, match=message) as caught:
         RoadMap(data).road()
     assert "\n" not in str(caught.value)
 
@@ -601,7 +611,7 @@ HOSTILE = ["x", "0", "-1", "0.5", "1e3", "1e5", "-9e6", "1e-300", "1e300", "-1e3
 
 
 @given(st.data())
-def test_a_damaged_file_gives_a_road_or_one_line(data: st.DataObject) -> None:
+def test_a_damaged_file_gives_a_road_or_an_error(data: st.DataObject) -> None:
     text = data.draw(st.sampled_from(FILES))
     spots = st.lists(st.sampled_from(list(VALUE.finditer(text))), max_size=3, unique=True)
     for spot in sorted(data.draw(spots), key=lambda spot: -spot.start()):

@@ -1,4 +1,4 @@
-"""Programs that others wrote find our lane where we say it is, and nothing to complain of."""
+"""Other programs read our OpenDRIVE files and find the lane at its place, without complaints."""
 
 from __future__ import annotations
 
@@ -46,9 +46,9 @@ def test_carla_finds_the_lane_within_a_centimetre(name: str) -> None:
     road = ROADS[name]
     lane = readers.read_with_carla(to_opendrive(road), road)
     assert lane.width == pytest.approx(road.lane_width)
-    assert readers.away_at_places(road, lane) < 0.01
-    # It reads superelevation and leaves it out: its lanes are level across.
-    assert readers.away_in_height(road, lane) < 0.01
+    assert readers.distance_at_places(road, lane) < 0.01
+    # CARLA ignores superelevation: its lanes are level across.
+    assert readers.height_difference(road, lane) < 0.01
 
 
 @carla_has_a_wheel
@@ -61,24 +61,25 @@ def test_carla_places_the_road_on_the_globe() -> None:
         for x in (0.0, 1000.0)
     )
     assert (here.latitude, here.longitude) == (pytest.approx(-33.5), pytest.approx(151.25))
-    a_degree = 111_320.0 * np.cos(np.radians(33.5))  # m
-    assert east.longitude - here.longitude == pytest.approx(1000.0 / a_degree, rel=0.01)
+    metres_per_degree = 111_320.0 * np.cos(np.radians(33.5))
+    assert east.longitude - here.longitude == pytest.approx(1000.0 / metres_per_degree, rel=0.01)
 
 
 @pytest.fixture(scope="module")
 def netconverted() -> dict[str, readers.ReadLane]:
+    """The lanes of all roads as SUMO's netconvert reads them."""
     return readers.read_with_sumo({name: to_opendrive(road) for name, road in ROADS.items()})
 
 
 @pytest.mark.parametrize("name", ROADS)
-def test_netconvert_makes_the_lane_within_15_centimetres(
+def test_netconvert_finds_the_lane_within_15_centimetres(
     name: str, netconverted: dict[str, readers.ReadLane]
 ) -> None:
     road, lane = ROADS[name], netconverted[name]
-    # To netconvert a lane is everywhere as wide as where it is widest.
+    # netconvert gives a lane its largest width everywhere.
     widening = float(road.widening[:, 1].max(initial=0.0))
     assert lane.width == pytest.approx(road.lane_width + widening)
-    assert readers.away_from_line(road, lane) < 0.15 + 0.5 * widening
+    assert readers.distance_from_line(road, lane) < 0.15 + 0.5 * widening
 
 
 @pytest.mark.endurance
@@ -90,7 +91,7 @@ def test_the_asam_checker_finds_nothing(
     for i, (name, road) in enumerate(ROADS.items()):
         text = to_opendrive(road, name=name)
         files[tmp_path / f"{i}.xodr"] = text
-        # Some rules hold in one version only, so a few roads are shown as the next version, too.
+        # Some rules hold in one version only, so a few roads are checked as the next version, too.
         if i % 10 < 2:
             files[tmp_path / f"{i}-8.xodr"] = text.replace('revMinor="7"', 'revMinor="8"')
     bad = tmp_path / "bad.xodr"
@@ -104,8 +105,8 @@ def test_the_asam_checker_finds_nothing(
             return
         python = environments.python_with(checker, request)
         answers = environments.answers(python, script, "qc_opendrive", *files)
-        complaint = answers.pop(str(bad))
-        assert len(complaint["check_asam_xodr_xml_valid_schema"]) > 1
+        issues_of_bad = answers.pop(str(bad))
+        assert len(issues_of_bad["check_asam_xodr_xml_valid_schema"]) > 1
         assert len(answers) == len(files) - 1
         for file, answer in answers.items():
             skipped = {name for name, (status, *_) in answer.items() if status == "skipped"}
@@ -116,7 +117,7 @@ def test_the_asam_checker_finds_nothing(
 
 
 def imported_roads() -> dict[str, Road]:
-    """Roads as they come from others' files: arcs and lines joined with and without spirals."""
+    """Return roads of other programs' files: lines that join an arc, a spiral or a polynomial."""
     bends = {
         "arc": '<arc curvature="0.066"/>',
         "spiral": '<spiral curvStart="0.01" curvEnd="0.01002"/>',
@@ -150,8 +151,8 @@ def test_commonroad_finds_the_lane_within_3_centimetres_and_places_it(
     elsewhere, bend = tmp_path / "elsewhere.xodr", ROADS["S-bend"]
     elsewhere.write_text(to_opendrive(bend, origin=(-33.5, 151.25)), encoding="utf-8")
     east = "+proj=tmerc +lat_0=-33.5 +lon_0=151.25 +x_0=1000 +datum=WGS84 +units=m"
-    asked = [path.read_bytes() for path in (HERE / LANELETS, *files, elsewhere)]
-    with agreements.upon("CommonRoad", environments.COMMONROAD, east, *asked) as is_agreed:
+    inputs = [path.read_bytes() for path in (HERE / LANELETS, *files, elsewhere)]
+    with agreements.upon("CommonRoad", environments.COMMONROAD, east, *inputs) as is_agreed:
         if is_agreed:
             return
         python = environments.python_with(environments.COMMONROAD, request)
@@ -160,10 +161,12 @@ def test_commonroad_finds_the_lane_within_3_centimetres_and_places_it(
         for path, road in files.items():
             lanes = answers[str(path)]
             assert isinstance(lanes, list), lanes
-            away = [
-                readers.away_from_line(road, readers.ReadLane(np.array(lane), road.lane_width))
+            distances = [
+                readers.distance_from_line(road, readers.ReadLane(np.array(lane), road.lane_width))
                 for lane in lanes
             ]
-            assert min(away) < 0.03
+            assert min(distances) < 0.03
         moved = [np.array(lane) - [1000.0, 0.0] for lane in answers[str(elsewhere)]]
-        assert min(readers.away_from_line(bend, readers.ReadLane(at, 4.0)) for at in moved) < 0.03
+        assert (
+            min(readers.distance_from_line(bend, readers.ReadLane(at, 4.0)) for at in moved) < 0.03
+        )

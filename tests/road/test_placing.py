@@ -1,3 +1,5 @@
+"""Placing a road on the map, against a search over many angles."""
+
 from __future__ import annotations
 
 import math
@@ -22,7 +24,7 @@ STAY = RigidMotion(0.0, 0.0, 0.0)
 
 
 def random_road(rng: np.random.Generator) -> FloatArray:
-    """A road of 40 to 400 m with a point every 2 m."""
+    """Return a road of 40 to 400 m with a point every 2 m."""
     n = int(rng.integers(20, 200))
     curvature = np.interp(np.arange(n), np.arange(0, n, 5), rng.uniform(-0.07, 0.07, -(-n // 5)))
     if rng.random() < 0.3:
@@ -32,7 +34,7 @@ def random_road(rng: np.random.Generator) -> FloatArray:
 
 
 def shape(rng: np.random.Generator) -> FloatArray:
-    """Something whose extent is known to be awkward: symmetric, flat, round or a rectangle."""
+    """Return points whose extent is difficult: flat, nearly a rectangle, round or random."""
     kind = rng.integers(4)
     line = rng.normal(0, 1, (int(rng.integers(3, 20)), 2))
     if kind == 0:
@@ -52,7 +54,7 @@ def turned(line: FloatArray, angle: float) -> FloatArray:
 
 
 def smallest_of_many_squares(line: FloatArray, angles: int = 20_000) -> float:
-    """The side of the smallest square box of the road turned by many angles."""
+    """Return the side of the smallest square around the road, over many angles."""
     theta = np.arange(angles)[:, None] * (math.pi / 2 / angles)
     c, s = np.cos(theta), np.sin(theta)
     x, y = line.T
@@ -60,21 +62,22 @@ def smallest_of_many_squares(line: FloatArray, angles: int = 20_000) -> float:
 
 
 def assert_within_margins(line: FloatArray) -> None:
+    """Assert that no point is too close to the edge of the map."""
     assert line.min() >= MAP_MARGIN - 1e-9
     assert line.max() <= MAP - MAP_MARGIN + 1e-9
 
 
 @pytest.mark.parametrize("make", [random_road, shape])
 @pytest.mark.parametrize("seed", range(3))
-def test_a_pose_is_found_exactly_when_one_exists(
+def test_a_pose_is_found_if_and_only_if_one_exists(
     make: Callable[[np.random.Generator], FloatArray], seed: int
 ) -> None:
     rng = np.random.default_rng(seed)
     for _ in range(12):
         line = make(rng)
         best = smallest_of_many_squares(line)
-        # The sampled angles come within 4e-5 rad of the best one, and the box grows with at most
-        # its diagonal: 6e-5 of its side.
+        # A sampled angle is within 4e-5 rad of the best one. The box grows by at most its diagonal
+        # per rad: by 6e-5 of its side.
         just_fits = line * (ROOM / (best * (1 + 1e-6)))
         motion = fit_to_map(just_fits)
         assert motion is not None
@@ -85,12 +88,7 @@ def test_a_pose_is_found_exactly_when_one_exists(
         assert fit_to_map(line * (ROOM / (best * (1 - 1e-4)))) is None
 
 
-def signed_area(line: FloatArray) -> float:
-    x, y = (line - line[0]).T
-    return float(np.sum(x[:-1] * y[1:] - x[1:] * y[:-1]) / 2)
-
-
-def test_a_road_within_the_margins_stays_and_one_that_fits_unturned_is_centred() -> None:
+def test_a_road_that_fits_stays_or_is_centred_before_it_is_turned() -> None:
     line = np.array([[10.0, 10.0], [190.0, 10.0], [190.0, 190.0], [100.0, 77.0]])
     assert fit_to_map(line) == STAY
     np.testing.assert_array_equal(STAY.apply(line), line)
@@ -99,7 +97,7 @@ def test_a_road_within_the_margins_stays_and_one_that_fits_unturned_is_centred()
     assert fit_to_map([[0.0, 0.0]]) == RigidMotion(0.0, 100.0, 100.0)
 
 
-def test_a_narrow_rectangle_lies_across() -> None:
+def test_a_narrow_rectangle_is_turned_by_45_degrees() -> None:
     # (a + b) / sqrt(2) is the box of an a x b rectangle at 45 degrees.
     a, b = 220.0, 30.0
     rectangle = np.array([[0, 0], [a, 0], [a, b], [0, b]])
@@ -125,7 +123,9 @@ def test_a_narrow_rectangle_lies_across() -> None:
         ([[0.0, 0.0]], {"map_margin": math.nan}, "map_margin"),
     ],
 )
-def test_mistakes_are_refused(points: Any, options: dict[str, float], message: str) -> None:
+def test_invalid_points_and_options_are_refused(
+    points: Any, options: dict[str, float], message: str
+) -> None:
     with pytest.raises(RoadError, match=message):
         fit_to_map(points, **options)
 
@@ -135,7 +135,7 @@ coordinate = st.integers(-300, 300).map(float) | st.floats(-300, 300)
 
 @given(st.lists(st.tuples(coordinate, coordinate), min_size=1, max_size=12))
 @settings(max_examples=100)
-def test_any_points_are_fitted_or_too_large(points: list[tuple[float, float]]) -> None:
+def test_any_points_fit_or_are_too_large(points: list[tuple[float, float]]) -> None:
     line = np.array(points)
     motion = fit_to_map(line)
     if motion is None:

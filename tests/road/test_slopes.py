@@ -1,4 +1,4 @@
-"""Profiles: their values, integrals and pieces, against plain sums and the road they belong to."""
+"""Profiles along a road: values, integrals and pieces, against plain sums."""
 
 from __future__ import annotations
 
@@ -22,6 +22,7 @@ CREST = np.array([(20.0, 0.06), (80.0, -0.06)])
 
 @st.composite
 def profiles(draw: st.DrawFn) -> np.ndarray:
+    """Draw a profile of grades."""
     count = draw(st.integers(0, 6))
     gaps = draw(st.lists(st.floats(1.0, 90.0), min_size=count, max_size=count))
     values = draw(st.lists(st.floats(-0.1, 0.1), min_size=count, max_size=count))
@@ -32,7 +33,7 @@ def test_a_crest_rises_and_falls() -> None:
     assert profile.value_at(CREST, [-5.0, 20.0, 50.0, 65.0, 200.0]) == pytest.approx(
         [0.06, 0.06, 0.0, -0.03, -0.06]
     )
-    # 20 m of 6 % up, then half of 30 m of it; the other side is alike.
+    # 20 m at 6 %, then 30 m at 3 % on average; the way down mirrors the way up.
     heights = profile.integral_at(CREST, [0.0, 20.0, 50.0, 80.0, 100.0])
     assert heights == pytest.approx([0.0, 1.2, 2.1, 1.2, 0.0])
 
@@ -53,13 +54,13 @@ def test_a_piece_has_the_same_values(pairs: np.ndarray, start: float, length: fl
         assert profile.value_at(piece, places) == pytest.approx(whole, abs=1e-12)
 
 
-def test_stations_without_a_bend_are_left_out() -> None:
+def test_stations_on_a_straight_line_are_left_out() -> None:
     straight = np.column_stack([np.arange(5) * 10.0, [0.0, 0.01, 0.02, 0.02, 0.02]])
     assert profile.thinned(straight).tolist() == [[0.0, 0.0], [20.0, 0.02]]
 
 
 @pytest.mark.parametrize(
-    ("given", "message"),
+    ("grade", "message"),
     [
         ([[0.0, 0.1], [0.0, 0.2]], "stations of grade are not numbers of metres that ascend"),
         ([[0.0, 0.6]], "grade is 0.6 at 0 m: a finite number of at most 0.5"),
@@ -69,12 +70,12 @@ def test_stations_without_a_bend_are_left_out() -> None:
         ("steep", "grade is not a list of pairs"),
     ],
 )
-def test_no_profile(given: object, message: str) -> None:
+def test_an_invalid_profile_is_refused(grade: object, message: str) -> None:
     with pytest.raises(RoadError, match=message):
-        Road([0.0, 0.01], grade=given)  # type: ignore[arg-type]
+        Road([0.0, 0.01], grade=grade)  # type: ignore[arg-type]
 
 
-def test_a_road_keeps_its_profiles_wherever_it_goes(tmp_path: Path) -> None:
+def test_a_road_keeps_its_profiles_when_moved_copied_or_written(tmp_path: Path) -> None:
     road = Road([0.0, 0.01, 0.02, 0.02, 0.0] * 3, grade=CREST, superelevation=-0.04)
     assert not road.is_flat
     assert Road([0.0, 0.01], grade=0.0, superelevation=[]).is_flat
@@ -91,7 +92,7 @@ def test_a_road_keeps_its_profiles_wherever_it_goes(tmp_path: Path) -> None:
         assert other.superelevation.tolist() == [[0.0, -0.04]]
 
 
-def test_a_piece_of_a_road_lies_where_it_lay() -> None:
+def test_a_piece_of_a_road_lies_at_its_place() -> None:
     road = Road([0.0, 0.01, 0.03, 0.02, -0.02, 0.0], pose=Pose(5.0, 6.0, 1.0), grade=CREST)
     piece = road.piece(2, 4)
     assert piece.points == pytest.approx(road.points[2:5], abs=1e-9)

@@ -1,3 +1,5 @@
+"""Validity of roads by the competition's rules, against a slow reference."""
+
 from __future__ import annotations
 
 import math
@@ -32,11 +34,11 @@ FloatArray = npt.NDArray[np.float64]
 LIMIT_RADIUS = 47 / 3.280839895  # [m]
 
 
-# --- roads to judge ----------------------------------------------------------------------------
+# --- families of roads ----------------------------------------------------------------------------
 
 
 def drawn(curvatures: npt.ArrayLike, step: float, spacing: float) -> FloatArray:
-    """A road through linearly changing curvature, centred in the map, sampled every `spacing` m."""
+    """Return points every `spacing` m of a road of these curvatures, centred in the map."""
     kappa = np.asarray(curvatures, dtype=np.float64)
     ds = 0.1
     s = np.arange(0.0, (len(kappa) - 1) * step + ds / 2, ds)
@@ -67,13 +69,13 @@ def random_curvatures(rng: np.random.Generator, n: int, bound: float, jump: floa
 
 
 def searched(rng: np.random.Generator) -> FloatArray:
-    """What the random phase makes: often valid, at times outside or crossing itself."""
+    """Return a road as of a random search: often valid, sometimes outside or crossing itself."""
     n = int(rng.integers(5, 26))
     return drawn(random_curvatures(rng, n, 0.07, 0.05), 10.0, float(rng.choice([1.0, 2.0, 2.0])))
 
 
 def coarse(rng: np.random.Generator) -> FloatArray:
-    """The same, 10 m between the points: the spline is not quite the road."""
+    """Return a random road with points 10 m apart, so that the spline differs from the road."""
     return drawn(random_curvatures(rng, int(rng.integers(3, 22)), 0.06, 0.05), 10.0, 10.0)
 
 
@@ -82,7 +84,7 @@ def gentle(rng: np.random.Generator) -> FloatArray:
 
 
 def sharp(rng: np.random.Generator) -> FloatArray:
-    """An arc whose radius is swept closely around the limit, between two tangents."""
+    """Return an arc between two straights, with a radius close to the limit."""
     radius = LIMIT_RADIUS + rng.choice([3.0, 0.3, 0.03]) * rng.uniform(-1, 1)
     arc = int(rng.integers(3, 8))
     kappa = [0.0, 0.0, *[rng.choice([-1, 1]) / radius] * arc, 0.0, 0.0]
@@ -90,7 +92,7 @@ def sharp(rng: np.random.Generator) -> FloatArray:
 
 
 def at_the_border(rng: np.random.Generator) -> FloatArray:
-    """Shifted so that one extreme of the road's edge lies within 1 mm of the map's border."""
+    """Return a road whose edge comes within 1 mm of the map's border."""
     line = drawn(random_curvatures(rng, int(rng.integers(4, 12)), 0.03, 0.03), 10.0, 2.0)
     if rng.random() < 0.2:
         line = np.array([[0.0, 0.0], [0.0, rng.uniform(25, 80)]]) + 100  # edges exactly parallel
@@ -111,7 +113,7 @@ def few_points(rng: np.random.Generator) -> FloatArray:
 
 
 def short(rng: np.random.Generator) -> FloatArray:
-    """Around 20 m, on a grid of thousandths and off it."""
+    """Return a road of about 20 m, on a grid of millimetres or off it."""
     length = 20.0 + rng.choice([0.0, 0.001, 0.01, 1.0, 15.0]) * rng.uniform(-1, 1)
     n = int(rng.integers(2, 9))
     line = np.zeros((n, 2))
@@ -123,7 +125,7 @@ def short(rng: np.random.Generator) -> FloatArray:
 
 
 def repeated(rng: np.random.Generator) -> FloatArray:
-    """One point twice: at once (refused) or later (a crossing), or nearly the same."""
+    """Return a road with a point twice: at once (refused), later (a crossing), or nearly twice."""
     line = gentle(rng)[:: int(rng.integers(1, 6))]
     i = int(rng.integers(len(line)))
     j = int(rng.integers(len(line)))
@@ -135,7 +137,7 @@ def repeated(rng: np.random.Generator) -> FloatArray:
 
 
 def hairpin(rng: np.random.Generator) -> FloatArray:
-    """There and back: the two legs keep 8 m between their centres, give or take little."""
+    """Return a hairpin whose legs are about 8 m apart."""
     gap = 8.0 + rng.choice([0.0, 0.002, 0.05, 1.0]) * rng.uniform(-1, 1)
     radius = rng.uniform(14.5, 18)
     # A loop wider than the gap, as in the letter omega.
@@ -155,7 +157,7 @@ def hairpin(rng: np.random.Generator) -> FloatArray:
 
 
 def grazing(rng: np.random.Generator) -> FloatArray:
-    """A spiral whose turns lie 8 m apart, give or take little, so that edges nearly touch."""
+    """Return a spiral whose turns are about 8 m apart, so that edges nearly touch."""
     gap = 8.0 + rng.choice([0.003, 0.05, 0.5]) * rng.uniform(-1, 1)
     angle = [0.0]
     end = rng.uniform(6.5, 9)
@@ -168,7 +170,7 @@ def grazing(rng: np.random.Generator) -> FloatArray:
 
 
 def folded(rng: np.random.Generator) -> FloatArray:
-    """So tight that the inner edge runs backwards, or just not: radii around half the width."""
+    """Return a bend about as tight as half the width, where the inner edge may run backwards."""
     radius = 4.0 + rng.choice([0.05, 0.5, 3.0]) * rng.uniform(-1, 1)
     t = np.linspace(0, rng.uniform(0.3, 3.0), int(rng.integers(6, 20)))
     arc = radius * np.column_stack([np.cos(t), np.sin(t)])
@@ -179,20 +181,20 @@ def folded(rng: np.random.Generator) -> FloatArray:
 
 
 def jagged(rng: np.random.Generator) -> FloatArray:
-    """Noise on the points, in units of the spacing."""
+    """Return a gentle road with noise on its points."""
     line = gentle(rng)[:: int(rng.integers(1, 5))]
     return np.asarray(line + rng.normal(0, rng.choice([0.01, 0.1, 1.0]), line.shape))
 
 
 def loops(rng: np.random.Generator) -> FloatArray:
-    """Around a centre through a few uneven points: nodes are metres apart, and the ends cross."""
+    """Return a loop through a few uneven points: nodes are metres apart, and the ends may cross."""
     t = np.sort(rng.uniform(0, 2 * np.pi * rng.uniform(0.8, 1.4), int(rng.integers(4, 9))))
     radius = rng.uniform(15, 60) * rng.uniform(0.5, 1.2, (len(t), 1))
     return np.asarray(100 + radius * np.column_stack([np.cos(t), np.sin(t)]))
 
 
 def on_a_grid(rng: np.random.Generator) -> FloatArray:
-    """Integer coordinates: ties, exact touches and collinear points abound."""
+    """Return points with integer coordinates, with many exact touches and collinear points."""
     steps = np.array([[1, 0], [0, 1], [-1, 0], [0, -1], [1, 1], [1, -1]])
     n = int(rng.integers(2, 9))
     size = int(rng.choice([4, 8, 12, 20]))
@@ -202,8 +204,8 @@ def on_a_grid(rng: np.random.Generator) -> FloatArray:
 
 Family = Callable[[np.random.Generator], FloatArray]
 
-# How many roads of each family, and how often at least each message is due: a family that no longer
-# makes the roads it is named after must not go unnoticed.
+# Number of roads of each family, and the least number of each message: it shows that a family still
+# makes the roads of its name.
 FAMILIES: list[tuple[Family, int, dict[str, int]]] = [
     (searched, 2500, {"": 2000, reference.SELF_INTERSECTING: 100, reference.TOO_SHARP: 1}),
     (coarse, 1000, {"": 900, reference.TOO_SHORT: 10}),
@@ -227,10 +229,10 @@ FAMILIES: list[tuple[Family, int, dict[str, int]]] = [
 
 @pytest.mark.endurance
 @pytest.mark.parametrize(
-    ("family", "count", "due"), FAMILIES, ids=[f[0].__name__ for f in FAMILIES]
+    ("family", "count", "least_counts"), FAMILIES, ids=[f[0].__name__ for f in FAMILIES]
 )
-def test_agrees_with_the_reference(
-    agreements: Agreements, family: Family, count: int, due: dict[str, int]
+def test_verdicts_agree_with_the_reference(
+    agreements: Agreements, family: Family, count: int, least_counts: dict[str, int]
 ) -> None:
     rng = np.random.default_rng(20210517)
     judged = []
@@ -246,12 +248,12 @@ def test_agrees_with_the_reference(
             for points, message in judged:
                 assert message == reference.verdict_message(points), points.tolist()
     counts = Counter(message for _, message in judged)
-    assert not {m: (counts[m], n) for m, n in due.items() if counts[m] < n}
+    assert not {m: (counts[m], n) for m, n in least_counts.items() if counts[m] < n}
 
 
 @pytest.mark.parametrize("noise", [1, 2, 3])
 def test_chains_of_quads_on_a_grid_agree_with_shapely(noise: int) -> None:
-    # Not roads: corners on a coarse grid, where every kind of touching and overlap happens exactly.
+    # Random quads on a coarse grid touch and overlap exactly, in every way.
     rng = np.random.default_rng(noise)
     counts: Counter[bool] = Counter()
     while sum(counts.values()) < 1500:
@@ -261,7 +263,7 @@ def test_chains_of_quads_on_a_grid_agree_with_shapely(noise: int) -> None:
         right = np.column_stack([along, np.full(n, -2)]) + rng.integers(-noise, noise + 1, (n, 2))
         pairs = [(left[1:], left[:-1]), (right[1:], right[:-1]), (left, right)]
         if any((a == b).all(axis=1).any() for a, b in pairs):
-            continue  # a triangle: valid for shapely, twisted for us, and no road has one
+            continue  # a triangle: shapely and our code differ, and no road has a triangle
         expected = reference.overlaps_itself(
             [(x, y) for x, y in left.tolist()], [(x, y) for x, y in right.tolist()]
         )
@@ -318,11 +320,11 @@ CROSSING = np.array([[60.0, 60.0], [120.0, 120.0], [120.0, 60.0], [60.0, 120.0]]
         (arc(14.7), ""),
     ],
 )
-def test_the_first_broken_rule_is_named(points: npt.ArrayLike, message: str) -> None:
+def test_the_verdict_names_the_first_broken_rule(points: npt.ArrayLike, message: str) -> None:
     assert check_validity(points) == Verdict(message == "", message)
 
 
-def test_map_size() -> None:
+def test_a_larger_map_has_room_for_longer_roads() -> None:
     assert check_validity(line(300), map_size=400.0)
     assert check_validity(line(50, start=(20, 20)), map_size=75.0)
     assert check_validity(line(50, start=(20, 20)), map_size=70.0).message == reference.OUTSIDE
@@ -343,7 +345,7 @@ def test_map_size() -> None:
         ([[1.0, 2.0], [3.0]], "pairs"),
     ],
 )
-def test_bad_points(points: Any, message: str) -> None:
+def test_points_that_are_no_numbers_are_refused(points: Any, message: str) -> None:
     for judge in (check_validity, interpolate, min_radius):
         with pytest.raises(RoadError, match=message) as caught:
             judge(points)
@@ -360,19 +362,21 @@ def test_points_that_cannot_be_interpolated_are_refused() -> None:
             interpolate(points)
 
 
-@pytest.mark.parametrize("alike", [lambda p: p.tolist(), np.asfortranarray, np.int64, np.float32])
-def test_any_array_of_points_is_taken_and_left_alone(alike: Callable[[FloatArray], Any]) -> None:
+@pytest.mark.parametrize("convert", [lambda p: p.tolist(), np.asfortranarray, np.int64, np.float32])
+def test_any_array_of_points_is_accepted_and_not_changed(
+    convert: Callable[[FloatArray], Any],
+) -> None:
     points = np.array([[30.0, 30.0], [70.0, 35.0], [110.0, 60.0], [130.0, 100.0]])
     points.setflags(write=False)
-    assert check_validity(alike(points))
-    np.testing.assert_array_equal(interpolate(alike(points)), interpolate(points))
+    assert check_validity(convert(points))
+    np.testing.assert_array_equal(interpolate(convert(points)), interpolate(points))
 
 
 # --- interpolation and radius ------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("family", [searched, coarse, few_points, jagged])
-def test_interpolation_is_that_of_scipy(family: Family) -> None:
+def test_interpolation_equals_scipy(family: Family) -> None:
     rng = np.random.default_rng(3)
     for _ in range(100):
         points = family(rng)
@@ -380,7 +384,7 @@ def test_interpolation_is_that_of_scipy(family: Family) -> None:
             np.testing.assert_array_equal(interpolate(points), reference.interpolated(points))
 
 
-def test_the_node_beyond_the_last_point_does_not_hang_on_a_tiny_last_step() -> None:
+def test_a_tiny_last_step_does_not_change_the_last_node() -> None:
     t = np.linspace(0, 87.5 / 30, 12)
     points = 100 + 30 * np.column_stack([np.cos(t), np.sin(t)])
     points = np.concatenate([points, points[-1:] + np.array([-1e-9, 1e-10])])
@@ -395,7 +399,7 @@ def test_rounding_to_millimetres_agrees_with_round(value: float) -> None:
     assert _to_millimetre(value) == round(value, 3)
 
 
-def test_radius_of_a_circle_and_of_a_straight_road() -> None:
+def test_the_radius_of_circles_and_straights_is_exact() -> None:
     for radius in (5.0, LIMIT_RADIUS, 1000.0):
         assert min_radius(arc(radius)) == pytest.approx(radius, rel=1e-9)
     for straight in (line(100, 101), arc(10.0)[:5], np.empty((0, 2))):
@@ -409,7 +413,7 @@ inner = st.integers(10, 190)
 
 @given(st.lists(st.tuples(inner, inner), min_size=2, max_size=9))
 @settings(max_examples=100)
-def test_quarter_turns_and_mirrors_of_the_map_leave_the_verdict(
+def test_quarter_turns_and_mirrors_keep_the_verdict(
     pairs: list[tuple[int, int]],
 ) -> None:
     points = np.array(pairs, dtype=np.float64)
@@ -425,12 +429,12 @@ def test_every_list_of_finite_points_gets_a_verdict(points: list[tuple[float, fl
     assert verdict.valid == (verdict.message == "")
 
 
-def test_edges_tell_whether_a_road_overlaps_itself() -> None:
+def test_overlap_is_found_from_the_edges() -> None:
     left = [(-4.0, 0.0), (-4.0, 10.0), (-4.0, 20.0)]
     right = [(4.0, 0.0), (4.0, 10.0), (4.0, 20.0)]
     assert not overlaps_itself(left, right)
     assert overlaps_itself(left, [right[0], left[1], right[2]])  # no width in the middle
     assert overlaps_itself(left, right[::-1])
-    for bad, says in (([], "at least 2 each"), (right[:2], "have 3 and 2"), ([0.0], "shape")):
-        with pytest.raises(RoadError, match=says):
+    for bad, message in (([], "at least 2 each"), (right[:2], "have 3 and 2"), ([0.0], "shape")):
+        with pytest.raises(RoadError, match=message):
             overlaps_itself(left if bad else [], bad)

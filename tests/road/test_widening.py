@@ -1,4 +1,4 @@
-"""Lanes that widen: their edge against that of wider lanes, and the verdict there."""
+"""Widening lanes: their edge against wider lanes, and the verdict on drives there."""
 
 from __future__ import annotations
 
@@ -23,18 +23,18 @@ from frenetic.road.files import entries_of, read_road
 
 CAR = CarBody(4.5, 1.8, 0.1)
 WIDENING = np.array([(0.0, 0.0), (20.0, 0.0), (40.0, 1.0), (60.0, 1.0), (80.0, 0.0)])
-METRE = np.array([(0.0, 1.0)])
+ONE_METRE = np.array([(0.0, 1.0)])
 
 
 def along(road: Road, offset: float) -> Drive:
-    """A drive along a road, the car's middle so many m left of the centre line."""
+    """Return a drive with the car's centre so many m left of the centre line."""
     places = np.arange(0.0, road.length - 4.0, 1.0)
     poses = np.array([road.pose_at(s) for s in places])
     x = poses[:, 0] - offset * np.sin(poses[:, 2])
     y = poses[:, 1] + offset * np.cos(poses[:, 2])
     n = len(places)
-    moving = [0.1 * np.arange(n), x, y, poses[:, 2], np.full(n, 10.0), *np.zeros((6, n))]
-    return Drive(Trajectory(*moving), CAR, Rules(oob_tolerance=0.5))
+    columns = [0.1 * np.arange(n), x, y, poses[:, 2], np.full(n, 10.0), *np.zeros((6, n))]
+    return Drive(Trajectory(*columns), CAR, Rules(oob_tolerance=0.5))
 
 
 @given(
@@ -43,14 +43,14 @@ def along(road: Road, offset: float) -> Drive:
     st.floats(-6.0, 1.0),
     st.floats(-0.6, 0.6),
 )
-def test_the_edge_is_that_of_a_wider_lane(
+def test_a_widened_lane_has_the_edge_of_a_wider_lane(
     wider: float, s: float, offset: float, error: float
 ) -> None:
     road = Road(np.linspace(-0.02, 0.02, 11))
     pose = road.pose_at(s)
     x, y = pose.x - offset * np.sin(pose.heading), pose.y + offset * np.cos(pose.heading)
     place = (s, offset, pose.heading, x, y, pose.heading + error, 4.5, 1.8, 0.1)
-    widened = replace(road, widening=wider * METRE)
+    widened = replace(road, widening=wider * ONE_METRE)
     share = share_outside(widened.table, road.sub_step, 0.0, -4.0, *place)
     other = share_outside(road.table, road.sub_step, 0.0, -4.0 - wider, *place)
     assert share == pytest.approx(other, abs=1e-12)
@@ -58,10 +58,10 @@ def test_the_edge_is_that_of_a_wider_lane(
 
 def test_the_widened_part_of_a_lane_belongs_to_it() -> None:
     road = Road([0.0] * 11)
-    # The car's middle is 0.2 m beyond the usual edge, so the lane is left but for 40 to 60 m.
+    # The car's centre is 0.2 m beyond the usual edge, and inside the lane only from 40 to 60 m.
     beside = along(road, -4.2)
     assert judge(road, beside).outcome is Outcome.FAIL
-    wide = replace(road, widening=METRE)
+    wide = replace(road, widening=ONE_METRE)
     assert judge(wide, beside).outcome is not Outcome.FAIL
     assert assess(wide, beside).oob_distance == pytest.approx(0.8)
     assessment = assess(
@@ -69,14 +69,14 @@ def test_the_widened_part_of_a_lane_belongs_to_it() -> None:
     )
     at = np.searchsorted(assessment.distance, [10.0, 30.0, 50.0])
     assert assessment.oob_distance[at] == pytest.approx([-0.2, 0.3, 0.8])
-    # The nearest edge counts: with the car to the right of the usual middle it is the left one.
+    # The nearest edge counts: the left edge, though the car is right of the usual centre.
     middle = assess(wide, along(road, -2.2))
     assert middle.oob_distance == pytest.approx(2.2)
-    # A metre of it is outside where the lane is as usual, and none where it is a metre wider.
+    # 1.1 m of the car are outside a lane of usual width, 0.1 m outside a lane 1 m wider.
     assert assessment.oob_share[at] == pytest.approx([1.1 / 1.8, 0.6 / 1.8, 0.1 / 1.8], abs=0.01)
 
 
-def test_widening_stays_in_files_pieces_and_processes(tmp_path: Path) -> None:
+def test_widening_is_kept_in_files_pieces_and_processes(tmp_path: Path) -> None:
     road = Road(np.linspace(-0.01, 0.01, 11), widening=WIDENING)
     path = tmp_path / "road.json"
     path.write_text(json.dumps(entries_of(road)))
@@ -86,7 +86,7 @@ def test_widening_stays_in_files_pieces_and_processes(tmp_path: Path) -> None:
     assert road.piece(5).widening.tolist() == [[0.0, 1.0], [10.0, 1.0], [30.0, 0.0]]
 
 
-def test_lanes_of_one_width_have_the_table_that_they_had() -> None:
+def test_widening_does_not_change_the_other_columns_of_the_table() -> None:
     road = Road(np.linspace(-0.01, 0.01, 11))
     assert road.table.shape[1] == 6
     assert np.array_equal(replace(road, widening=WIDENING).table[:, :6], road.table)

@@ -1,4 +1,4 @@
-"""Keeps the speed limit and steers for a point of the lane's middle."""
+"""A driver that keeps the speed limit and steers for a point on the lane's middle."""
 
 from frenetic import Controls, DriveSetup, Observation
 
@@ -8,11 +8,11 @@ class Limit:
         self.wheelbase = setup.wheelbase
         self.limit = setup.speed_limit  # m/s
 
-    def act(self, seen: Observation) -> Controls:
-        x, y = seen.ahead[4]
+    def act(self, observation: Observation) -> Controls:
+        x, y = observation.ahead[4]
         steering = 2 * self.wheelbase * y / (x * x + y * y)
         return Controls(
             steering,
-            throttle=0.3 if seen.speed < self.limit else 0.0,
-            brake=0.2 if seen.speed > self.limit + 0.5 else 0.0,
+            throttle=0.3 if observation.speed < self.limit else 0.0,
+            brake=0.2 if observation.speed > self.limit + 0.5 else 0.0,
         )
