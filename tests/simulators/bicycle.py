@@ -1,4 +1,4 @@
-"""A simulator with a loop of its own, whose mutants the contract has to find."""
+"""A simulator with its own loop; tests change its code, and the contract must find each fault."""
 
 from __future__ import annotations
 
@@ -27,8 +27,8 @@ class Bicycle:
     def drive(self, road: Road, driver: Driver) -> Drive:
         limit = self.rules.start_limit_on(road)
         setup = DriveSetup(limit, road.lane_width, PERIOD, 1.2, 1.4, 4.5, 1.6, 0.6, 4.0, 9.0)
-        most = int(self.rules.timeout(road.length) / PERIOD) + 2
-        observer = Observer(road, self.rules, self.car, most)
+        most_records = int(self.rules.timeout(road.length) / PERIOD) + 2
+        observer = Observer(road, self.rules, self.car, most_records)
         (x, y), heading, speed = road.sample(1, -road.lane_width / 2)[0], road.pose.heading, 0.0
         steering = throttle = brake = 0.0
         rows: list[list[float]] = []
@@ -36,7 +36,7 @@ class Bicycle:
         try:
             with blaming_driver():
                 driver.reset(setup)
-                for i in range(most):
+                for i in range(most_records):
                     yaw_rate = speed * math.tan(steering) / setup.wheelbase
                     motion = [i * PERIOD, x, y, heading, speed, 0.0, yaw_rate]
                     rows.append([*motion, steering, steering, throttle, brake])

@@ -1,4 +1,4 @@
-"""What simulators and drivers declare beyond the methods of their protocols."""
+"""Capabilities that simulators and drivers declare beyond the methods of their protocols."""
 
 from __future__ import annotations
 
@@ -21,8 +21,8 @@ from frenetic.spec.part_record import describe
 from frenetic.testing import DummyDriver, DummySimulator
 
 
-class Shared(DummySimulator):
-    """A simulator that declares what it can."""
+class Declaring(DummySimulator):
+    """A simulator that declares capabilities."""
 
     needs = ("a_module",)
     usual_wall_limit = 600.0
@@ -51,7 +51,7 @@ def test_a_simulator_that_declares_nothing_has_the_defaults() -> None:
 
 
 def test_declared_capabilities_are_read() -> None:
-    simulator = Shared()
+    simulator = Declaring()
     declared = capabilities(simulator)
     assert (declared.needs, declared.usual_workers, declared.workers_at_most) == (
         ("a_module",),
@@ -70,7 +70,7 @@ def test_declared_capabilities_are_read() -> None:
 
 
 def test_a_class_declares_capabilities_without_an_instance() -> None:
-    assert (usual(Shared).usual_workers, usual(Shared).needs) == (2, ("a_module",))
+    assert (usual(Declaring).usual_workers, usual(Declaring).needs) == (2, ("a_module",))
     assert usual(BeamngSimulator).usual_wall_limit == 600.0
     assert "home" in usual(BeamngSimulator).place_options
     assert usual(lambda: DummySimulator()).usual_wall_limit == 60.0
@@ -79,7 +79,7 @@ def test_a_class_declares_capabilities_without_an_instance() -> None:
 @pytest.mark.parametrize("simulator", [BeamngSimulator, MetaDriveSimulator])
 def test_preloaded_modules_exist(simulator: Any) -> None:
     assert usual(simulator).preloads
-    for name in usual(simulator).preloads:  # the server of processes leaves out what is missing
+    for name in usual(simulator).preloads:  # the process server skips missing modules
         assert find_spec(name) is not None
 
 
@@ -87,8 +87,8 @@ def test_preloaded_modules_exist(simulator: Any) -> None:
     "kind", [EmbeddedSimulator, MetaDriveSimulator, CommonRoadSimulator, DummySimulator]
 )
 def test_a_class_says_which_conditions_its_simulators_lay(kind: type) -> None:
-    of_class, of_one = usual(kind), capabilities(kind())
-    assert of_class.variable == of_one.variable
+    of_class, of_instance = usual(kind), capabilities(kind())
+    assert of_class.variable == of_instance.variable
     laid = [row.name for row in known_conditions().values() if of_class.lays(row)]
     simulator, names = kind(), {row.name: row for row in known_conditions().values()}
     for name, row in names.items():
@@ -108,7 +108,7 @@ def test_every_condition_that_our_simulators_lay_is_an_option() -> None:
                 amount = 0.25 * row.usual[0] + 0.75 * row.usual[1]
                 simulator: Any = kind(**{row.attribute: amount})
                 assert getattr(simulator, row.attribute) == amount
-                assert describe(simulator) != describe(kind()), "its record says it"
+                assert describe(simulator) != describe(kind()), "the option is recorded"
 
 
 def test_conditions_that_can_vary_are_attributes_that_can_be_set() -> None:

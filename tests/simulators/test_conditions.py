@@ -1,4 +1,4 @@
-"""Worlds: what is varied reaches the drive, and nothing is left behind."""
+"""Conditions reach a drive, and the simulator is unchanged afterwards."""
 
 from __future__ import annotations
 
@@ -20,6 +20,7 @@ ROAD = Road([0.0, 0.0, 0.01, 0.03, 0.05, 0.05, 0.02, -0.02, -0.04, -0.04, 0.0, 0
 
 
 def rows(simulator: Simulator, driver: Driver) -> list[list[float]]:
+    """Return the records of a drive on `ROAD`."""
     rows: list[list[float]] = simulator.drive(ROAD, driver).trajectory.to_rows().tolist()
     return rows
 
@@ -27,13 +28,14 @@ def rows(simulator: Simulator, driver: Driver) -> list[list[float]]:
 SHORT = Road([0.0, 0.0, 0.02, 0.0])
 
 
-def in_that(world: Conditions, simulator: Simulator, driver: Driver) -> list[list[float]]:
-    with in_conditions(world, simulator, driver) as there:
-        return rows(simulator, there)
+def rows_in(conditions: Conditions, simulator: Simulator, driver: Driver) -> list[list[float]]:
+    """Return the records of a drive on `ROAD` in conditions."""
+    with in_conditions(conditions, simulator, driver) as driver_there:
+        return rows(simulator, driver_there)
 
 
 @pytest.mark.parametrize(
-    ("world", "simulator", "driver"),
+    ("conditions", "simulator", "driver"),
     [
         ({"friction": 0.6}, EmbeddedSimulator(friction=0.6), Planner()),
         ({"lag": 0.3}, EmbeddedSimulator(steering_lag=0.3), Planner()),
@@ -49,21 +51,21 @@ def in_that(world: Conditions, simulator: Simulator, driver: Driver) -> list[lis
     ],
     ids=lambda value: str(value) if isinstance(value, dict) else "",
 )
-def test_a_drive_in_conditions_equals_one_with_parts_made_for_them(
-    world: Conditions, simulator: Simulator, driver: Driver
+def test_conditions_act_as_options_of_simulator_and_driver(
+    conditions: Conditions, simulator: Simulator, driver: Driver
 ) -> None:
-    there = in_that(world, EmbeddedSimulator(), Planner())
-    assert there == rows(simulator, driver)
-    assert there != rows(EmbeddedSimulator(), Planner())
+    with_conditions = rows_in(conditions, EmbeddedSimulator(), Planner())
+    assert with_conditions == rows(simulator, driver)
+    assert with_conditions != rows(EmbeddedSimulator(), Planner())
 
 
-def test_the_simulator_is_as_before_afterwards_even_if_the_drive_broke() -> None:
+def test_the_simulator_is_restored_even_after_an_error() -> None:
     simulator = EmbeddedSimulator(rules=Rules(stuck_time=7.0), friction=0.9, start_offset=0.1)
     before = rows(simulator, Planner())
-    world = {"friction": 0.5, "lag": 0.3, "speed": 30.0, "start": -0.5, "heading": 0.2}
+    conditions = {"friction": 0.5, "lag": 0.3, "speed": 30.0, "start": -0.5, "heading": 0.2}
 
     def break_there() -> None:
-        with in_conditions(world, simulator, Planner()):
+        with in_conditions(conditions, simulator, Planner()):
             assert simulator.friction == 0.5
             assert simulator.rules == Rules(
                 stuck_time=7.0, speed_limit=30.0, road_limits="scaled", scaled_from=70.0
@@ -80,15 +82,15 @@ def test_the_simulator_is_as_before_afterwards_even_if_the_drive_broke() -> None
 
 def test_a_wrapper_takes_the_place_of_one_of_its_kind_and_leaves_the_others() -> None:
     driver = Noisy(LimitedView(Delayed(Planner(), seconds=0.3), distance=20.0), offset=0.1, seed=1)
-    with in_conditions({"delay": 0.1}, EmbeddedSimulator(), driver) as there:
-        form = compiled_form(there, 0.05)
+    with in_conditions({"delay": 0.1}, EmbeddedSimulator(), driver) as driver_there:
+        form = compiled_form(driver_there, 0.05)
     assert form is not None, "two wrappers of a kind are driven in Python, slowly"
     assert (form.delay, form.rows) == (2, 11)
     assert form.errors is not None
     assert driver.driver.driver.seconds == 0.3, "the driver itself was changed"  # type: ignore[attr-defined]
 
 
-def test_what_a_simulator_cannot_vary_is_refused_in_one_line() -> None:
+def test_a_condition_that_a_simulator_cannot_vary_is_refused() -> None:
     simulator = DummySimulator()
     with in_conditions({"speed": 30.0, "delay": 0.1}, simulator, Planner()) as driver:
         assert simulator.drive(ROAD, driver).rules.speed_limit == 30.0
@@ -100,8 +102,8 @@ def test_what_a_simulator_cannot_vary_is_refused_in_one_line() -> None:
             pass
 
 
-def test_a_value_that_a_simulator_refuses_is_one_line() -> None:
-    class Picky(DummySimulator):
+def test_a_value_that_a_simulator_refuses_is_a_one_line_error() -> None:
+    class AlwaysDry(DummySimulator):
         @property
         def friction(self) -> float:
             return 1.0
@@ -111,21 +113,21 @@ def test_a_value_that_a_simulator_refuses_is_one_line() -> None:
             if friction != 1.0:
                 raise ValueError("this road is always dry")
 
-    world = {"friction": 0.5}
+    conditions = {"friction": 0.5}
     with (
-        pytest.raises(FreneticError, match=r"Picky cannot have friction = 0\.5: this road"),
-        in_conditions(world, Picky(), Planner()),
+        pytest.raises(FreneticError, match=r"AlwaysDry cannot have friction = 0\.5: this road"),
+        in_conditions(conditions, AlwaysDry(), Planner()),
     ):
         pass
 
 
 def test_every_condition_can_be_driven_in() -> None:
-    """Both ends of every condition's range can be driven in."""
+    """A drive succeeds at both ends of every range."""
     for name, condition in known_conditions().items():
         for value in (condition.low, condition.high):
             driver = MarkingFollower() if name in appearance.ALL else Planner()
             simulator = EmbeddedSimulator()
-            with in_conditions({name: value}, simulator, driver) as there:
-                drive = simulator.drive(SHORT, there)
+            with in_conditions({name: value}, simulator, driver) as driver_there:
+                drive = simulator.drive(SHORT, driver_there)
             assert drive.trouble is None
             assert np.isfinite(drive.trajectory.to_rows()).all()

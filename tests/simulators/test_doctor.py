@@ -1,4 +1,4 @@
-"""What doctor says of simulators that work, that do not, and that are not there."""
+"""`doctor` on simulators that work, that are broken, and that are not installed."""
 
 from __future__ import annotations
 
@@ -18,28 +18,34 @@ from frenetic.testing import DummyDriver, DummySimulator
 
 
 class Crooked(DummySimulator):
-    """Its car leaves every road to the left."""
+    """A simulator whose car leaves every road to the left."""
 
     def __init__(self) -> None:
         super().__init__(drift=lambda _: 6.0)
 
 
 class Dead(DummySimulator):
+    """A simulator that does not start."""
+
     def __enter__(self) -> Self:
         raise OSError("no display")
 
 
 class Failing(DummySimulator):
+    """A simulator whose drives raise."""
+
     def drive(self, road: Road, driver: Driver) -> Drive:
         raise RuntimeError("out of memory")
 
 
 class Absent(DummySimulator):
+    """A simulator whose package is not installed."""
+
     needs = ("a_module_that_is_nowhere",)
 
 
 class Checking(DummySimulator):
-    """Has checks of its own."""
+    """A simulator with its own check, which fails."""
 
     def checks(self) -> Iterator[SimulatorCheck]:
         yield SimulatorCheck("key", False, "there is no key", "buy one")
@@ -47,6 +53,7 @@ class Checking(DummySimulator):
 
 @pytest.fixture
 def registry(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Lets doctor know only the simulators of this file."""
     parts = (DummySimulator, Crooked, Dead, Failing, Absent, Checking, Tuned)
     built_in = {part.__name__.lower(): (f"test_doctor:{part.__name__}", "") for part in parts}
     monkeypatch.setattr(
@@ -55,7 +62,7 @@ def registry(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 class Tuned(DummySimulator):
-    """Cannot be made without an option."""
+    """A simulator that needs an option."""
 
     def __init__(self, *, place: str = "") -> None:
         if not place:
@@ -73,7 +80,7 @@ def test_embedded_simulator_passes_all_checks() -> None:
     assert not any(check.remedy for check in reported)
 
 
-def test_drives_that_leave_the_lane_or_stand_fail_their_checks() -> None:
+def test_a_drive_that_leaves_the_lane_or_stands_fails_its_check() -> None:
     with EmbeddedSimulator(friction=0.2) as simulator:
         straight, curve = drive_checks(simulator)
     assert straight.is_ok

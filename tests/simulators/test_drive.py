@@ -1,4 +1,4 @@
-"""What a trajectory says beyond its columns."""
+"""The lateral acceleration, which a trajectory computes from its columns."""
 
 from __future__ import annotations
 
@@ -19,8 +19,8 @@ def test_a_drive_in_a_circle_has_its_centripetal_acceleration() -> None:
     columns = {name: getattr(path, name) for name in Trajectory.names()}
     for sign in (1.0, -1.0):
         columns |= {"speed": np.full(40, speed), "yaw_rate": np.full(40, sign * speed / radius)}
-        around = Trajectory(**columns)
-        assert around.lateral_acceleration == pytest.approx(sign * speed**2 / radius)
+        circle = Trajectory(**columns)
+        assert circle.lateral_acceleration == pytest.approx(sign * speed**2 / radius)
     slides = Trajectory(**{**columns, "lateral_speed": 0.5 * rows[:, 0]})
     assert slides.lateral_acceleration == pytest.approx(0.5 - speed**2 / radius)
 
@@ -37,6 +37,6 @@ def test_the_acceleration_follows_from_the_positions() -> None:
 
 
 @pytest.mark.parametrize("records", [0, 1])
-def test_a_drive_of_few_records_has_an_acceleration(records: int) -> None:
+def test_a_drive_of_no_or_one_record_has_an_acceleration(records: int) -> None:
     path = Trajectory.from_rows(np.zeros((records, len(Trajectory.names()))))
     assert path.lateral_acceleration.shape == (records,)

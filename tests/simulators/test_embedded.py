@@ -1,4 +1,4 @@
-"""The embedded simulator beyond the contract: compiled or not, exact views, broken drivers."""
+"""The embedded simulator beyond its contract: compiled drivers, exact views, broken drivers."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ def random_road(seed: int, n: int = 25, lane_width: float = 4.0) -> Road:
 
 
 STRAIGHT = Road(np.zeros(26))
-"""250 m."""
+"""A straight road of 250 m."""
 SHARP_LEFT = Road(np.array([0.0] * 16 + [0.05] + [0.07] * 8))
 """150 m straight, then the sharpest bend of a valid road."""
 ROADS = [*(random_road(seed) for seed in range(4)), SHARP_LEFT, random_road(9, lane_width=5.0)]
@@ -66,12 +66,13 @@ class PythonStanley(Stanley):
 
 @pytest.fixture(autouse=True, scope="module")
 def compiled() -> None:
-    """Compiles what is compiled, so that no wall limit is spent on it."""
+    """Compile the kernels first, so that compiling does not count against a wall limit."""
     for driver in (Planner(), PythonPlanner()):
         EmbeddedSimulator(wall_limit=600.0).drive(ROADS[0], driver)
 
 
 def rows(drive: Drive) -> FloatArray:
+    """Return the records of a drive that ended without an error."""
     assert drive.trouble is None
     return drive.trajectory.to_rows()
 
@@ -95,7 +96,7 @@ WRAPPERS: dict[str, Callable[[Driver], Driver]] = {
     [(Planner(aggression=1.3), PythonPlanner(aggression=1.3)), (Stanley(), PythonStanley())],
     ids=["planner", "stanley"],
 )
-def test_a_driver_drives_alike_bit_for_bit_compiled_or_called_from_python(
+def test_compiled_and_python_drivers_drive_alike_bit_for_bit(
     built_in: Driver, python: Driver, wrapper: str
 ) -> None:
     for simulator in (EmbeddedSimulator(), EmbeddedSimulator(start_offset=-0.6, start_heading=0.1)):
@@ -107,14 +108,14 @@ def test_a_driver_drives_alike_bit_for_bit_compiled_or_called_from_python(
 
 
 def test_wrappers_and_drivers_make_a_difference() -> None:
-    """Else the test above would hold nothing against nothing."""
+    """Otherwise the test above would compare equal drives."""
     simulator = EmbeddedSimulator()
     drivers = [*(wrapper(Planner()) for wrapper in WRAPPERS.values()), Stanley()]
     ends = [rows(simulator.drive(ROADS[0], driver))[-1, 1:4] for driver in drivers]
     assert len({tuple(end) for end in ends}) == len(drivers)
 
 
-def test_a_drive_keeps_its_records_when_the_simulator_goes_on() -> None:
+def test_a_later_drive_does_not_change_the_records_of_an_earlier_drive() -> None:
     simulator = EmbeddedSimulator()
     first = simulator.drive(ROADS[0], Planner())
     before = rows(first).copy()
@@ -141,7 +142,7 @@ def test_a_moved_and_turned_road_is_driven_the_same_way() -> None:
     np.testing.assert_allclose(drive_there.speed, drive_here.speed, rtol=0, atol=1e-5)
 
 
-def test_a_drive_ends_with_the_record_that_the_oracle_ends_it_with() -> None:
+def test_a_drive_ends_at_the_record_at_which_the_oracle_ends_it() -> None:
     simulator = EmbeddedSimulator(rules=Rules(oob_tolerance=0.3))
     outcomes = set()
     for seed in range(20):
@@ -158,7 +159,7 @@ def test_a_drive_ends_with_the_record_that_the_oracle_ends_it_with() -> None:
 
 
 class Watching(PythonStanley):
-    """Remembers every setup and observation."""
+    """A driver that records its setup and its observations."""
 
     def reset(self, setup: DriveSetup) -> None:
         super().reset(setup)
@@ -170,7 +171,7 @@ class Watching(PythonStanley):
 
 
 @pytest.mark.parametrize("road", ROADS[2:])
-def test_observations_are_what_the_road_and_the_trajectory_say(road: Road) -> None:
+def test_observations_agree_with_the_road_and_the_trajectory(road: Road) -> None:
     watching = Watching(offset_gain=0.5)
     t = EmbeddedSimulator().drive(road, watching).trajectory
     half = 0.5 * road.lane_width
@@ -252,41 +253,42 @@ def test_the_setup_has_the_tyres_cornering_stiffness_at_small_slip(name: str) ->
 
 
 class Accelerating:
-    """Asks for one acceleration after the other on a straight road."""
+    """A driver that asks for another acceleration every 1.5 s."""
 
-    ASKED = (1.0, 3.0, 5.0, 0.5, -2.0, 4.5, -0.05, 2.0, -5.0, 5.0, 0.0, 1.5, -7.0, 3.0, 1.0)
+    # m/s^2
+    ACCELERATIONS = (1.0, 3.0, 5.0, 0.5, -2.0, 4.5, -0.05, 2.0, -5.0, 5.0, 0.0, 1.5, -7.0, 3.0, 1.0)
 
     def reset(self, setup: DriveSetup) -> None:
-        self.setup, self.asked = setup, list[float]()
+        self.setup, self.wanted = setup, list[float]()
 
     def act(self, observation: Observation) -> Controls:
-        wanted = self.ASKED[int(observation.time / 1.5) % len(self.ASKED)]
-        self.asked.append(wanted)
+        wanted = self.ACCELERATIONS[int(observation.time / 1.5) % len(self.ACCELERATIONS)]
+        self.wanted.append(wanted)
         return Controls.from_acceleration(wanted, 0.0, speed=observation.speed, setup=self.setup)
 
 
 @pytest.mark.parametrize("vehicle", ["default", "etk800", "metadrive"])
-def test_an_asked_acceleration_is_reached_as_far_as_the_car_can(vehicle: str) -> None:
+def test_the_car_reaches_a_wanted_acceleration_within_its_limits(vehicle: str) -> None:
     driver, road = Accelerating(), Road([0.0] * 121)
     t = EmbeddedSimulator(vehicle=vehicle).drive(road, driver).trajectory
-    reached, asked, speed = np.diff(t.speed) / 0.05, np.array(driver.asked), t.speed[:-1]
+    reached, wanted, speed = np.diff(t.speed) / 0.05, np.array(driver.wanted), t.speed[:-1]
     pedal = np.maximum(t.throttle, t.brake)[:-1]
     # The tyres of MetaDrive's car leave half of their grip to cornering, see `CARS`.
-    is_limited = (asked < 2.1) & (asked > -4.4) if vehicle == "metadrive" else pedal < 1.0
+    is_limited = (wanted < 2.1) & (wanted > -4.4) if vehicle == "metadrive" else pedal < 1.0
     fair = is_limited & (pedal < 1.0) & (speed > 0.5)
-    np.testing.assert_allclose(reached[fair], asked[fair], rtol=0.02, atol=0.02)
+    np.testing.assert_allclose(reached[fair], wanted[fair], rtol=0.02, atol=0.02)
     assert np.ptp(speed[fair]) > 20.0
     assert fair.mean() > 0.5
     assert np.all(reached[(pedal == 1.0) & (speed > 0.5)] < 5.0)
 
 
-def test_a_car_at_rest_that_is_asked_for_nothing_stays() -> None:
+def test_a_wanted_acceleration_becomes_pedals_from_0_to_1() -> None:
     setup = EmbeddedSimulator().setup(STRAIGHT)
     assert Controls.from_acceleration(0.0, 0.1, speed=0.0, setup=setup) == Controls(0.1)
-    most = Controls.from_acceleration(99.0, 0.0, speed=30.0, setup=setup)
-    assert (most.throttle, most.brake) == (1.0, 0.0)
-    least = Controls.from_acceleration(-99.0, 0.0, speed=30.0, setup=setup)
-    assert (least.throttle, least.brake) == (0.0, 1.0)
+    full_throttle = Controls.from_acceleration(99.0, 0.0, speed=30.0, setup=setup)
+    assert (full_throttle.throttle, full_throttle.brake) == (1.0, 0.0)
+    full_brake = Controls.from_acceleration(-99.0, 0.0, speed=30.0, setup=setup)
+    assert (full_brake.throttle, full_brake.brake) == (0.0, 1.0)
 
 
 # Driving
@@ -324,8 +326,8 @@ def test_a_far_too_fast_driver_leaves_a_sharp_bend_to_the_outside(
 # Drivers that break
 
 
-class Doing:
-    """A driver that drives off, and does something else from its third call on."""
+class BreaksLater:
+    """A driver that drives off, and calls `then` from its third call on."""
 
     def __init__(self, then: Callable[[], Any]) -> None:
         self.then = then
@@ -342,12 +344,16 @@ class Doing:
 
 
 class Writing(PythonPlanner):
+    """A driver that changes its view, which is read-only."""
+
     def act(self, observation: Observation) -> Controls:
         observation.ahead[0] = 0.0
         return super().act(observation)
 
 
 class Unready(PythonPlanner):
+    """A driver that raises before its drive."""
+
     def reset(self, setup: DriveSetup) -> None:
         raise OSError("no connection")
 
@@ -386,7 +392,7 @@ def spin_stubbornly() -> NoReturn:
 
 
 def assert_clean(simulator: EmbeddedSimulator) -> None:
-    """The next drives are as if nothing had happened, and no timer is left behind."""
+    """Assert that a broken driver changes no later drive and leaves no timer running."""
     expected = rows(EmbeddedSimulator().drive(ROADS[0], Planner()))
     np.testing.assert_array_equal(rows(simulator.drive(ROADS[0], Planner())), expected)
     np.testing.assert_array_equal(rows(simulator.drive(ROADS[0], PythonPlanner())), expected)
@@ -395,15 +401,19 @@ def assert_clean(simulator: EmbeddedSimulator) -> None:
 
 
 RAISED = rf" \({Path(__file__).name}:{fail.__code__.co_firstlineno + 2}: raise error\)"
-"""End of the message about what it raises."""
+"""Pattern of the place where `fail` raises, at the end of a message."""
 BROKEN: dict[str, tuple[Any, str, int]] = {
-    # What breaks, what is said, records until then.
-    "raises": (Doing(fail(ValueError("no\n such  lane"))), f"ValueError: no such lane{RAISED}", 3),
-    "key": (Doing(fail(KeyError("lane"))), f"KeyError: 'lane'{RAISED}", 3),
-    "exits": (Doing(fail(SystemExit(3))), f"SystemExit: 3{RAISED}", 3),
-    "unspeakable": (Doing(fail(UnspeakableError())), "UnspeakableError.*", 3),
-    "long": (Doing(fail(ValueError("x" * 100_000))), "ValueError: xxx.{,460}", 3),
-    "recurses": (Doing(recurse), "RecursionError: .*", 3),
+    # Driver, pattern of its error, records until then.
+    "raises": (
+        BreaksLater(fail(ValueError("no\n such  lane"))),
+        f"ValueError: no such lane{RAISED}",
+        3,
+    ),
+    "key": (BreaksLater(fail(KeyError("lane"))), f"KeyError: 'lane'{RAISED}", 3),
+    "exits": (BreaksLater(fail(SystemExit(3))), f"SystemExit: 3{RAISED}", 3),
+    "unspeakable": (BreaksLater(fail(UnspeakableError())), "UnspeakableError.*", 3),
+    "long": (BreaksLater(fail(ValueError("x" * 100_000))), "ValueError: xxx.{,460}", 3),
+    "recurses": (BreaksLater(recurse), "RecursionError: .*", 3),
     "writes": (Writing(), r"ValueError: assignment destination is read-only.*", 1),
     "reset": (Unready(), r'OSError: no connection .*: raise OSError\("no connection"\)\)', 0),
     "no driver": (object(), "AttributeError: .*", 0),
@@ -411,7 +421,7 @@ BROKEN: dict[str, tuple[Any, str, int]] = {
 
 
 @pytest.mark.parametrize("kind", BROKEN)
-def test_a_driver_that_breaks_fails_its_drive_only(kind: str) -> None:
+def test_a_broken_driver_fails_only_its_own_drive(kind: str) -> None:
     driver, text, records = BROKEN[kind]
     simulator = EmbeddedSimulator()
     drive = simulator.drive(STRAIGHT, driver)
@@ -425,15 +435,15 @@ def test_a_driver_that_breaks_fails_its_drive_only(kind: str) -> None:
     assert_clean(simulator)
 
 
-def test_what_a_driver_says_or_returns_is_its_error() -> None:
+def test_an_error_or_a_wrong_answer_is_the_fault_of_the_driver() -> None:
     simulator = EmbeddedSimulator()
-    drive = simulator.drive(STRAIGHT, Doing(fail(DriverError("no model was found"))))
+    drive = simulator.drive(STRAIGHT, BreaksLater(fail(DriverError("no model was found"))))
     assert drive.trouble is not None
     assert drive.trouble.reason == "no model was found"
     fault = judge(STRAIGHT, drive).fault
     assert fault is not None
     assert str(fault).startswith(f"raises DriverError at {Path(__file__).name}:")
-    drive = simulator.drive(STRAIGHT, Doing(lambda: None))
+    drive = simulator.drive(STRAIGHT, BreaksLater(lambda: None))
     assert drive.trouble is not None
     assert drive.trouble.reason == "the driver returned NoneType instead of frenetic.Controls"
     assert judge(STRAIGHT, drive).fault == Fault("driver", GIVES_NO_CONTROLS)
@@ -441,12 +451,12 @@ def test_what_a_driver_says_or_returns_is_its_error() -> None:
 
 @pytest.mark.parametrize("where", ["main thread", "another thread"])
 @pytest.mark.parametrize("then", [spin, spin_stubbornly])
-def test_a_driver_that_loops_for_ever_is_ended(then: Callable[[], NoReturn], where: str) -> None:
+def test_a_driver_that_loops_forever_is_ended(then: Callable[[], NoReturn], where: str) -> None:
     simulator = EmbeddedSimulator(wall_limit=0.3)
     drives: list[Drive] = []
 
     def drive() -> None:
-        drives.append(simulator.drive(STRAIGHT, Doing(then)))
+        drives.append(simulator.drive(STRAIGHT, BreaksLater(then)))
         # The same thread may go on driving.
         drives.append(EmbeddedSimulator().drive(ROADS[0], PythonPlanner()))
 
@@ -468,7 +478,7 @@ def test_a_driver_that_loops_for_ever_is_ended(then: Callable[[], NoReturn], whe
     assert_clean(EmbeddedSimulator())
 
 
-def test_a_driver_that_loops_for_ever_in_reset_is_ended() -> None:
+def test_a_driver_that_loops_forever_in_reset_is_ended() -> None:
     drive = EmbeddedSimulator(wall_limit=0.3).drive(STRAIGHT, EndlessInReset())
     assert drive.trouble is not None
     assert "within 0.3 s of wall time (it had driven 0.0 s, and was at " in drive.trouble.reason
@@ -479,7 +489,7 @@ def test_a_driver_that_loops_for_ever_in_reset_is_ended() -> None:
     assert len(drive.trajectory) == 0
 
 
-def test_a_built_in_driver_knows_no_wall_limit() -> None:
+def test_the_wall_limit_does_not_apply_to_built_in_drivers() -> None:
     drive = EmbeddedSimulator(wall_limit=1e-9).drive(STRAIGHT, Planner())
     assert judge(STRAIGHT, drive).outcome is Outcome.PASS
 
@@ -487,7 +497,7 @@ def test_a_built_in_driver_knows_no_wall_limit() -> None:
 def test_an_interrupt_by_the_user_is_not_the_drivers_error() -> None:
     simulator = EmbeddedSimulator()
     with pytest.raises(KeyboardInterrupt):
-        simulator.drive(STRAIGHT, Doing(fail(KeyboardInterrupt())))
+        simulator.drive(STRAIGHT, BreaksLater(fail(KeyboardInterrupt())))
     assert_clean(simulator)
 
 
@@ -495,7 +505,9 @@ def test_an_interrupt_by_the_user_is_not_the_drivers_error() -> None:
 
 
 @pytest.mark.parametrize(("offset", "heading"), [(0.0, 0.0), (-1.5, 0.2)])
-def test_starts_beside_the_lane_centre_and_turned(offset: float, heading: float) -> None:
+def test_a_car_starts_at_the_offset_and_heading_of_the_options(
+    offset: float, heading: float
+) -> None:
     simulator = EmbeddedSimulator(start_offset=offset, start_heading=heading)
     for road in ROADS:
         start = simulator.drive(road, Planner()).trajectory
@@ -506,7 +518,7 @@ def test_starts_beside_the_lane_centre_and_turned(offset: float, heading: float)
         assert start.speed[0] == 0.0
 
 
-def test_options_say_where_the_car_starts_if_that_is_unusual() -> None:
+def test_options_list_the_start_only_if_it_is_not_the_default() -> None:
     assert set(EmbeddedSimulator().options) == {"vehicle", "wall_limit"}
     assert EmbeddedSimulator(start_offset=0.5).options["start_offset"] == 0.5
     assert EmbeddedSimulator(start_heading=0.1).options["start_heading"] == 0.1
@@ -528,7 +540,7 @@ def test_attributes_set_between_two_drives_hold_for_the_next() -> None:
 
 
 @pytest.mark.parametrize(
-    ("options", "said"),
+    ("options", "message"),
     [
         ({"wall_limit": 0.0}, "wall_limit is 0.0: a number > 0 is needed"),
         ({"wall_limit": math.nan}, "wall_limit is nan: a number > 0 is needed"),
@@ -539,6 +551,6 @@ def test_attributes_set_between_two_drives_hold_for_the_next() -> None:
         ({"vehicle": "truck"}, "vehicle is 'truck'"),
     ],
 )
-def test_options_out_of_range_are_refused(options: dict[str, Any], said: str) -> None:
-    with pytest.raises(ValueError, match=said):
+def test_options_out_of_range_are_refused(options: dict[str, Any], message: str) -> None:
+    with pytest.raises(ValueError, match=message):
         EmbeddedSimulator(**options)

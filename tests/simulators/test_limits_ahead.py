@@ -1,4 +1,4 @@
-"""Speed limits along a road: what drivers are told, and how they and criteria keep them."""
+"""Speed limits along a road: drivers see them and keep them, criteria judge by them."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ STRAIGHT = Road(np.zeros(61), speed_limits=[(0, 50), (200, 30), (400, 80)])
 
 
 class Watching:
-    """Keeps what the driver underneath is told."""
+    """A driver around another, which records its setup and its observations."""
 
     def __init__(self, driver: BuiltIn | None = None) -> None:
         self.driver = driver or Planner()
@@ -41,7 +41,7 @@ def speeds(drive: Drive, *places: float) -> list[float]:
     return [3.6 * float(np.interp(place, path.y, path.speed)) for place in places]
 
 
-def test_driver_is_told_the_limit_where_it_is_and_those_ahead() -> None:
+def test_a_driver_sees_the_limit_at_its_place_and_the_limits_ahead() -> None:
     watching = Watching()
     EmbeddedSimulator().drive(STRAIGHT, watching)
     assert watching.setup.speed_limit == pytest.approx(50 / 3.6)
@@ -50,9 +50,9 @@ def test_driver_is_told_the_limit_where_it_is_and_those_ahead() -> None:
         assert observation.speed_limit == pytest.approx(limit / 3.6)
         starts = observation.distance + 2.0 * np.arange(len(observation.ahead))
         fine = starts[:, None] + np.linspace(0.0, 2.0, 41)[:-1]
-        there = np.where(fine < 200, 50, np.where(fine < 400, 30, 80)).min(axis=1)
+        limits = np.where(fine < 200, 50, np.where(fine < 400, 30, 80)).min(axis=1)
         near = (np.abs(starts + 2.0 - 200) < 0.1) | (np.abs(starts + 2.0 - 400) < 0.1)
-        assert observation.speed_limit_ahead[~near] == pytest.approx(there[~near] / 3.6)
+        assert observation.speed_limit_ahead[~near] == pytest.approx(limits[~near] / 3.6)
         assert not observation.speed_limit_ahead.flags.writeable
 
 
@@ -66,7 +66,7 @@ def test_wrappers_change_each_limit() -> None:
 
 
 @pytest.mark.parametrize("kind", [Planner, Stanley, BeamngAi])
-def test_built_in_driver_keeps_each_limit_compiled_and_in_python_alike(kind: type[BuiltIn]) -> None:
+def test_built_in_drivers_keep_each_limit_compiled_and_in_python(kind: type[BuiltIn]) -> None:
     compiled = EmbeddedSimulator(vehicle="default").drive(STRAIGHT, kind())
     in_python = EmbeddedSimulator(vehicle="default").drive(STRAIGHT, Watching(kind()))
     assert np.array_equal(compiled.trajectory.to_rows(), in_python.trajectory.to_rows())
@@ -77,16 +77,16 @@ def test_built_in_driver_keeps_each_limit_compiled_and_in_python_alike(kind: typ
     assert 70 < behind <= 81
 
 
-def test_road_with_one_limit_is_driven_as_if_the_rules_said_it() -> None:
-    limited_road = EmbeddedSimulator().drive(
+def test_the_limit_of_a_road_acts_as_the_limit_of_the_rules() -> None:
+    with_road_limit = EmbeddedSimulator().drive(
         replace(STRAIGHT, speed_limits=np.array([[0.0, 40.0]])), Planner()
     )
     rules = Rules(speed_limit=40.0)
-    said = EmbeddedSimulator(rules=rules).drive(Road(np.zeros(61)), Planner())
-    assert np.array_equal(limited_road.trajectory.to_rows(), said.trajectory.to_rows())
+    with_rules = EmbeddedSimulator(rules=rules).drive(Road(np.zeros(61)), Planner())
+    assert np.array_equal(with_road_limit.trajectory.to_rows(), with_rules.trajectory.to_rows())
 
 
-def test_criterion_judges_by_the_limit_where_the_car_is() -> None:
+def test_a_criterion_judges_by_the_limit_at_the_place_of_the_car() -> None:
     criteria = CriteriaSet.from_entries("own", {"speed_excess": 6.0})
     rules = Rules(speed_limit=50.0, criteria=criteria)
     sharp = replace(STRAIGHT, speed_limits=np.array([[0.0, 50.0], [200.0, 30.0]]))

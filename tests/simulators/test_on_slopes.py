@@ -1,4 +1,4 @@
-"""The embedded car on roads that lean and rise, against closed forms and a mass on a surface."""
+"""The embedded car on banked and sloping roads, against closed forms and a mass on a surface."""
 
 from __future__ import annotations
 
@@ -63,9 +63,9 @@ from frenetic.testing import DummyDriver, DummySimulator
 
 FloatArray = npt.NDArray[np.float64]
 FREE = Vehicle(drag_area=0.0, rolling_resistance=0.0)
-"""A car that nothing slows."""
-LEAST = Rules(stuck_time=60.0, timeout_base=120.0)
-"""Rules that let a car stand, or creep."""
+"""A car without air drag and rolling drag."""
+PATIENT = Rules(stuck_time=60.0, timeout_base=120.0)
+"""Rules under which a car may stand or creep for a minute."""
 WINDING = Road(
     [0.0, 0.0, 0.02, 0.04, 0.0, -0.03, -0.05, -0.02, 0.0, 0.0],
     superelevation=[(20.0, 0.0), (40.0, -0.06), (60.0, 0.05), (80.0, 0.05)],
@@ -78,13 +78,14 @@ def straight(length: float = 300.0, **slopes: Any) -> Road:
 
 
 def driven(road: Road, car: Vehicle = FREE, **controls: float) -> Trajectory:
-    drive = EmbeddedSimulator(vehicle=car, rules=LEAST).drive(road, DummyDriver(**controls))
+    """Return the trajectory of a drive with constant controls."""
+    drive = EmbeddedSimulator(vehicle=car, rules=PATIENT).drive(road, DummyDriver(**controls))
     assert drive.trouble is None
     return drive.trajectory
 
 
 def placed(road: Road, speed: float, *, s: float = 0.0, left: float = 0.0) -> FloatArray:
-    """A state on the centre line or beside it, along it."""
+    """Return the state of a car that drives along the centre line, or so many m left of it."""
     x, y, heading = road.pose_at(s)
     state = np.zeros(single_track.STATE_SIZE)
     state[[X, Y, HEADING, SPEED]] = (
@@ -97,17 +98,19 @@ def placed(road: Road, speed: float, *, s: float = 0.0, left: float = 0.0) -> Fl
 
 
 def place_of(road: Road, state: FloatArray) -> float:
+    """Return the distance of a car along its road, in m."""
     return float(road.track(state[[X, Y]])[0, 0])
 
 
 def ground(road: Road, state: FloatArray, car: Vehicle = FREE) -> FloatArray:
+    """Return the parameters of a car on the slopes below it."""
     s = place_of(road, state)
     p: FloatArray = lay(car.to_array(), road.table, road.sub_step, road.slopes, state, s, 0.0)[0]
     return p
 
 
 def periods(road: Road, car: Vehicle, state: FloatArray, count: int, **inputs: float) -> FloatArray:
-    """The states (count + 1, 7) of a car whose controls are held."""
+    """Return the states, (count + 1, 7), of a car with constant controls."""
     p, s, states = car.to_array(), place_of(road, state), [state.copy()]
     steering, throttle, brake = (
         inputs.get(name, 0.0) for name in ("steering", "throttle", "brake")
@@ -119,12 +122,12 @@ def periods(road: Road, car: Vehicle, state: FloatArray, count: int, **inputs: f
     return np.array(states)
 
 
-# A mass that nothing holds moves as one on a surface does
+# A car without grip moves as a point mass on a surface
 
 
 @pytest.mark.parametrize(("spin", "within"), [(0.0, 0.001), (0.7, 0.001), (-1.5, 0.01)])
 def test_a_car_without_grip_is_a_mass_on_a_surface(spin: float, within: float) -> None:
-    """By Lagrange's equations in x and y, whichever way the car turns meanwhile."""
+    """The reference is Lagrange's equations in x and y; the spin of the car does not matter."""
     road = Road(
         [0.0, 0.0, 0.01, 0.02, 0.02, 0.02, 0.01, 0.0, 0.0, -0.01, -0.02, -0.02],
         pose=Pose(0.0, 0.0, 1.2),
@@ -202,13 +205,13 @@ def test_ice_holds_no_car_on_a_slope() -> None:
     for slopes, axis in (({"grade": -0.1}, X), ({"superelevation": 0.1}, Y)):
         road = straight(**slopes)
         states = periods(road, icy, placed(road, 0.0), 60, brake=1.0)
-        gone = abs(states[-1, axis] - states[20, axis])
+        slid = abs(states[-1, axis] - states[20, axis])
         start = abs(states[20, SPEED if axis == X else LATERAL_SPEED]) * 2.0
-        assert gone - start == pytest.approx(0.5 * GRAVITY * (0.1 - icy.grip) * 4.0, rel=0.02)
+        assert slid - start == pytest.approx(0.5 * GRAVITY * (0.1 - icy.grip) * 4.0, rel=0.02)
 
 
 def test_a_car_that_nothing_holds_rolls_back() -> None:
-    """There is no parking brake. Rolling drag holds it on less than 1.2 %."""
+    """There is no parking brake. Rolling drag holds a car on less than 1.2 %."""
     assert np.ptp(driven(straight(grade=0.01), Vehicle()).x) == 0.0
     states = periods(straight(grade=0.1), Vehicle(), placed(straight(), 0.0), 60)
     assert states[-1, SPEED] == pytest.approx(-GRAVITY * (0.1 - 0.012) * 3.0, rel=0.02)
@@ -223,14 +226,14 @@ def test_a_car_that_nothing_holds_rolls_back() -> None:
 def test_a_crest_unloads_and_a_dip_loads() -> None:
     radius, speed = 120.0, 15.0
     for sign in (-1.0, 1.0):  # crest, dip
-        most = sign * 50.0 / radius
-        road = straight(100.0, grade=[(0.0, -most), (100.0, most)])
+        steepest = sign * 50.0 / radius
+        road = straight(100.0, grade=[(0.0, -steepest), (100.0, steepest)])
         across = ground(road, placed(road, speed, s=50.0))[ACROSS]
         assert across == pytest.approx(GRAVITY + sign * speed**2 / radius, rel=1e-9)
 
 
-def test_what_grows_with_the_load() -> None:
-    """At half the weight on a crest: the axles' loads, whatever the pedals do, and rolling drag."""
+def test_axle_loads_and_rolling_drag_grow_with_the_weight() -> None:
+    """A crest halves the weight: this halves axle loads, for any pedals, and rolling drag."""
     speed = math.sqrt(0.5 * GRAVITY / 0.008)
     road = straight(100.0, grade=[(0.0, 0.4), (100.0, -0.4)])
     car = Vehicle(drag_area=0.0)
@@ -252,7 +255,7 @@ def test_what_grows_with_the_load() -> None:
     assert coasting == pytest.approx(-0.5 * 0.012 * GRAVITY, rel=1e-4)
 
 
-def test_a_road_goes_on_as_steep_beyond_its_ends() -> None:
+def test_slopes_continue_beyond_the_ends_of_a_road() -> None:
     road = Road([0.02] * 5, pose=Pose(0.0, 0.0, 0.0), grade=[(-50.0, 0.2), (50.0, 0.05)])
     before = placed(road, 20.0, s=-1.0, left=-2.0)
     after = placed(road, 20.0, s=41.0, left=-2.0)
@@ -302,7 +305,7 @@ def test_no_grip_is_needed_at_the_hands_off_speed() -> None:
     for share, leaves in ((1.0, False), (1.15, True), (0.85, True)):
         speed = share * math.sqrt(bank * GRAVITY * RADIUS)
         state = placed(road, speed, left=-2.0)
-        # As the wheels roll that do not slide.
+        # A motion in which no wheel slides.
         state[YAW_RATE] = speed / RADIUS * math.cos(math.atan(bank))
         state[LATERAL_SPEED] = icy.rear_axle * state[YAW_RATE]
         state[HEADING] -= icy.rear_axle / RADIUS
@@ -313,8 +316,8 @@ def test_no_grip_is_needed_at_the_hands_off_speed() -> None:
         assert (off > 2.0) if leaves else (off < 0.5), (share, off)
 
 
-class Rounding:
-    """Keeps the lane of a circle at a speed that it reaches slowly, and the demand of its tyres."""
+class CircleDriver:
+    """A driver that keeps the lane of a circle and reaches its speed slowly."""
 
     def __init__(self, speed: float) -> None:
         self.speed = speed
@@ -343,14 +346,14 @@ def test_the_grip_limit_of_a_banked_circle(bank: float) -> None:
     road = circle(bank, turns=3.0)
     for share, leaves in ((0.92, False), (1.03, True)):
         speed = share * math.sqrt(limit * GRAVITY * RADIUS)
-        drive = simulator.drive(road, Rounding(speed))
+        drive = simulator.drive(road, CircleDriver(speed))
         assert drive.trouble is None
         t = drive.trajectory
         off = np.abs(road.track(np.column_stack([t.x, t.y]))[:, 1] + 2.0).max()
         assert (off > 2.0) == leaves, (share, off, t.speed.max(), speed)
         if leaves:
             continue
-        # The demand of its tyres on the last records, which are steady.
+        # The last records are steady: the tyres' demand there.
         state = np.array([getattr(t, name)[-1] for name in Trajectory.names()[1:8]])
         p = lay(car.to_array(), road.table, road.sub_step, road.slopes, state, road.length, 0.0)[0]
         delta = state[STEERING]
@@ -378,7 +381,7 @@ class PythonStanley(Stanley):
     ("built_in", "python"), [(Planner(), PythonPlanner()), (Stanley(), PythonStanley())]
 )
 @pytest.mark.parametrize("delay", [0.0, 0.1])
-def test_a_driver_drives_alike_compiled_or_called_from_python(
+def test_compiled_and_python_drivers_drive_alike_on_slopes(
     built_in: Driver, python: Driver, delay: float
 ) -> None:
     simulator = EmbeddedSimulator(start_offset=0.3)
@@ -393,15 +396,15 @@ def test_a_driver_drives_alike_compiled_or_called_from_python(
 
 
 @pytest.mark.parametrize("period", [0.01, 0.07, 0.2])
-def test_a_driver_with_a_period_of_its_own_rolls_alike(period: float) -> None:
+def test_the_period_of_a_driver_does_not_change_how_its_car_rolls(period: float) -> None:
     road = straight(grade=[(0.0, -0.08), (60.0, 0.06)])
     driver = DummyDriver()
-    simulator = EmbeddedSimulator(vehicle=FREE, rules=LEAST)
-    usual = simulator.drive(road, driver).trajectory
+    simulator = EmbeddedSimulator(vehicle=FREE, rules=PATIENT)
+    default = simulator.drive(road, driver).trajectory
     driver.period = period  # type: ignore[attr-defined]
     with_period = simulator.drive(road, driver).trajectory
-    n = min(len(usual), len(with_period), 200)
-    assert with_period.x[:n] == pytest.approx(usual.x[:n], abs=0.02)
+    n = min(len(default), len(with_period), 200)
+    assert with_period.x[:n] == pytest.approx(default.x[:n], abs=0.02)
 
 
 # What a driver sees, and what cannot be driven
@@ -428,10 +431,10 @@ def test_a_driver_sees_the_slopes_ahead() -> None:
 
 
 class Sledge(SteppedSimulator):
-    """Says nothing of slopes."""
+    """A simulator that does not declare slopes."""
 
 
-def test_a_road_that_cannot_be_laid_is_not_driven() -> None:
+def test_a_sloping_road_is_refused_where_slopes_are_not_supported() -> None:
     candidate = Candidate(1, np.zeros(8), 10.0, Origin("random"), grade=np.array([[0.0, 0.05]]))
     assert RoadTester(EmbeddedSimulator(), Planner()).test(candidate).result.outcome is Outcome.PASS
     with_camera = load_driver("marking-follower")

@@ -1,4 +1,4 @@
-"""Drivers with a period of their own."""
+"""Drivers that choose their own period."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ from frenetic.testing import DummySimulator
 WINDING = Road([0.0, 0.01, 0.03, 0.0, -0.03, -0.02, 0.0, 0.02, 0.0], pose=(40.0, 60.0, 0.7))
 
 
-class Own(Stanley):
-    """Stanley at a rate of its own, which keeps what it saw and answered."""
+class AtPeriod(Stanley):
+    """Stanley with a period; it records its observations and answers."""
 
     def __init__(self, period: Any) -> None:
         super().__init__()
@@ -39,21 +39,21 @@ class Own(Stanley):
 
 @pytest.mark.parametrize("period", [0.01, 0.02, 0.04, 0.05, 0.07, 0.1, 0.2])
 def test_a_driver_is_asked_at_its_period_and_recorded_at_20_hz(period: float) -> None:
-    driver = Own(period)
+    driver = AtPeriod(period)
     drive = EmbeddedSimulator().drive(WINDING, driver)
     assert judge(WINDING, drive).outcome is Outcome.PASS
     t = drive.trajectory
     assert driver.period_of_setup == period
     np.testing.assert_allclose(t.time, 0.05 * np.arange(len(t)), rtol=0.0, atol=1e-9)
-    asked = [observation.time for observation in driver.observations]
-    np.testing.assert_allclose(asked, period * np.arange(len(asked)), rtol=0.0, atol=1e-9)
-    assert t.time[-1] - period <= asked[-1] + 1e-9
-    assert asked[-1] <= t.time[-1]
-    # A record holds the answer of its time.
+    times = [observation.time for observation in driver.observations]
+    np.testing.assert_allclose(times, period * np.arange(len(times)), rtol=0.0, atol=1e-9)
+    assert t.time[-1] - period <= times[-1] + 1e-9
+    assert times[-1] <= t.time[-1]
+    # A record holds the driver's latest answer.
     for i in range(len(t) - 1):
         answer = driver.answers[int(t.time[i] / period + 1e-6)]
         assert t.steering_input[i] == answer.steering
-    # Between two records, too, the driver sees where it is.
+    # The driver sees its place between two records, too.
     for observation in driver.observations:
         for name in ("x", "y", "heading", "speed", "yaw_rate"):
             expected = np.interp(observation.time, t.time, getattr(t, name))
@@ -67,18 +67,18 @@ def test_a_driver_is_asked_at_its_period_and_recorded_at_20_hz(period: float) ->
         assert observation.ahead[0] == pytest.approx(observation.lane().points[0], abs=2e-3)
 
 
-def test_the_period_of_the_simulator_changes_nothing() -> None:
-    plain, asked_anew = (
+def test_choosing_the_simulators_period_changes_nothing() -> None:
+    plain, with_period = (
         EmbeddedSimulator().drive(WINDING, driver).trajectory.to_rows()
-        for driver in (Stanley(), Own(0.05))
+        for driver in (Stanley(), AtPeriod(0.05))
     )
-    np.testing.assert_array_equal(plain, asked_anew)
+    np.testing.assert_array_equal(plain, with_period)
     assert EmbeddedSimulator().drives_compiled(Stanley())
-    assert not EmbeddedSimulator().drives_compiled(Own(0.05))
+    assert not EmbeddedSimulator().drives_compiled(AtPeriod(0.05))
 
 
 def test_a_wrapper_has_the_period_of_its_driver() -> None:
-    driver = Own(0.02)
+    driver = AtPeriod(0.02)
     drive = EmbeddedSimulator().drive(WINDING, Noisy(driver, offset=0.2))
     assert drive.trouble is None
     assert (driver.period_of_setup, driver.observations[1].time) == pytest.approx((0.02, 0.02))
@@ -100,7 +100,7 @@ def test_a_wrapper_has_the_period_of_its_driver() -> None:
 def test_a_period_that_a_simulator_cannot_keep_is_refused_before_a_drive(
     simulator: Any, period: Any, message: str
 ) -> None:
-    driver: Driver = Own(period)
+    driver: Driver = AtPeriod(period)
     with pytest.raises(DriverError, match=message):
         check_pair(simulator, driver)
     if isinstance(simulator, EmbeddedSimulator):

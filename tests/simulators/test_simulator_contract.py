@@ -1,4 +1,4 @@
-"""The simulators' contract: who passes it, and that it finds out who should not."""
+"""The contract of simulators: sound ones pass, and each fault fails the test that covers it."""
 
 from __future__ import annotations
 
@@ -46,11 +46,11 @@ class TestDocs(SimulatorContract):
         return simulator
 
 
-# A simulator with a loop of its own, whole and with a piece that is wrong.
+# A simulator with its own loop: sound, and with one fault.
 
 
 def bicycle(*changes: tuple[str, str]) -> Callable[..., Any]:
-    """The simulator with pieces of its code replaced, each of which is there once."""
+    """Return the class of `bicycle.py` after changes to its code; each old text occurs once."""
     code = Path(__file__).with_name("bicycle.py").read_text(encoding="utf-8")
     for old, new in changes:
         assert code.count(old) == 1, old
@@ -62,7 +62,7 @@ def bicycle(*changes: tuple[str, str]) -> Callable[..., Any]:
 
 
 def contract(make: Callable[..., Any], **attributes: object) -> SimulatorContract:
-    """The contract of a simulator that declares what the attributes say."""
+    """Return the contract of a simulator, with attributes of the contract set."""
 
     class Contract(SimulatorContract):
         def make(self, rules: Rules) -> Simulator:
@@ -75,8 +75,8 @@ def contract(make: Callable[..., Any], **attributes: object) -> SimulatorContrac
 
 
 def failures(make: Callable[..., Any], **attributes: object) -> dict[str, str]:
-    """What each test of the contract says that a simulator fails."""
-    said = {}
+    """Run the contract; return the message of each test that fails, by the test's name."""
+    messages = {}
     for name, test in inspect.getmembers(contract(make, **attributes), inspect.ismethod):
         if name.startswith("test_"):
             try:
@@ -84,8 +84,8 @@ def failures(make: Callable[..., Any], **attributes: object) -> dict[str, str]:
             except pytest.skip.Exception:
                 pass
             except (Exception, pytest.fail.Exception) as error:
-                said[name.removeprefix("test_")] = str(error)
-    return said
+                messages[name.removeprefix("test_")] = str(error)
+    return messages
 
 
 RECORD = "rows.append([*motion, steering, steering, throttle, brake])"
@@ -97,18 +97,18 @@ RESET = "driver.reset(setup)"
 IMPORTS = "import math\n"
 
 
-def setup_edits(**wrong: str) -> tuple[tuple[str, str], tuple[str, str]]:
-    """Tells the driver something else than the simulator goes by."""
-    values = ", ".join(f"{name}={value}" for name, value in wrong.items())
+def setup_edits(**replacements: str) -> tuple[tuple[str, str], tuple[str, str]]:
+    """Return changes that give the driver a setup with other values."""
+    values = ", ".join(f"{name}={value}" for name, value in replacements.items())
     return (
         (IMPORTS, "import dataclasses\nimport math\n"),
         (RESET, f"driver.reset(dataclasses.replace(setup, {values}))"),
     )
 
 
-def observation_edits(**wrong: str) -> tuple[tuple[str, str], tuple[str, str]]:
-    """Shows the driver something else than what there is, ``o``."""
-    values = ", ".join(f"{name}={value}" for name, value in wrong.items())
+def observation_edits(**replacements: str) -> tuple[tuple[str, str], tuple[str, str]]:
+    """Return changes that show the driver other values; ``o`` is the true observation."""
+    values = ", ".join(f"{name}={value}" for name, value in replacements.items())
     return (
         (IMPORTS, "import dataclasses\nimport math\n"),
         (SEES, f"(lambda o: dataclasses.replace(o, {values}))({SEES})"),
@@ -154,7 +154,7 @@ MUTANTS: dict[str, tuple[tuple[tuple[str, str], ...], Mapping[str, str]]] = {
         (("throttle, brake]\n", "controls.throttle, controls.brake]\n"),),
         {"controls_beyond_the_limits_are_cut": "throttle is recorded beyond 0 to 1"},
     ),
-    "wheels turn farther than said": (
+    "wheels turn farther than the setup says": (
         (
             (
                 "steering = min(max(wanted, -setup.max_steering), setup.max_steering)",
@@ -163,19 +163,19 @@ MUTANTS: dict[str, tuple[tuple[tuple[str, str], ...], Mapping[str, str]]] = {
         ),
         {"controls_beyond_the_limits_are_cut": r"turn by 0\.90 rad, farther than max_steering"},
     ),
-    "driver is told another lane": (
+    "driver gets another lane width": (
         setup_edits(lane_width="1.0"),
         {"driver_is_told_the_car_the_lane_and_the_limits": r"= 1\.00, but it is 4\.00"},
     ),
-    "driver is told another car": (
+    "driver gets another car width": (
         setup_edits(car_width="2.5"),
         {"driver_is_told_the_car_the_lane_and_the_limits": r"car_width = 2\.50, but it is 1\.61"},
     ),
-    "driver is told another period": (
+    "driver gets another period": (
         setup_edits(period="0.1"),
         {"driver_sees_its_car_on_the_road": r"not asked every 0\.1 s"},
     ),
-    "driver is told another wheelbase": (
+    "driver gets another wheelbase": (
         setup_edits(front_axle="0.5"),
         {"car_turns_as_its_wheels_and_axles_say": r"the wheelbase of 1\.90 m"},
     ),
@@ -187,7 +187,7 @@ MUTANTS: dict[str, tuple[tuple[tuple[str, str], ...], Mapping[str, str]]] = {
         observation_edits(lateral_offset="o.lateral_offset + 0.3"),
         {"driver_sees_its_car_on_the_road": "the driver sees lateral_offset = "},
     ),
-    "driver is told another place on the map": (
+    "driver sees another place on the map": (
         observation_edits(x="o.x + 0.3"),
         {"driver_sees_its_car_on_the_road": "the driver sees x = "},
     ),
@@ -216,44 +216,46 @@ MUTANTS: dict[str, tuple[tuple[tuple[str, str], ...], Mapping[str, str]]] = {
 }
 
 
-def test_a_simulator_with_a_loop_of_its_own_passes() -> None:
+def test_a_simulator_with_its_own_loop_passes() -> None:
     assert failures(bicycle()) == {}
 
 
 @pytest.mark.parametrize("name", MUTANTS)
-def test_what_is_wrong_is_found_by_its_test_alone(name: str) -> None:
+def test_each_fault_fails_only_the_tests_that_cover_it(name: str) -> None:
     changes, expected = MUTANTS[name]
-    said = failures(bicycle(*changes))
-    assert said.keys() == expected.keys(), said
+    messages = failures(bicycle(*changes))
+    assert messages.keys() == expected.keys(), messages
     for test, reason in expected.items():
-        assert re.search(reason, said[test]), said[test]
+        assert re.search(reason, messages[test]), messages[test]
 
 
 def test_a_wheelbase_may_be_as_long_as_the_car() -> None:
-    """A kinematic model may know one length alone."""
+    """A kinematic model may have a single length."""
     half = "0.5 * setup.car_length"
-    said = failures(bicycle(*setup_edits(front_axle=half, rear_axle=half)))
-    assert said.keys() == {"car_turns_as_its_wheels_and_axles_say"}  # the bicycle has its own
+    messages = failures(bicycle(*setup_edits(front_axle=half, rear_axle=half)))
+    assert messages.keys() == {
+        "car_turns_as_its_wheels_and_axles_say"
+    }  # the bicycle turns by another one
     longer = bicycle(*setup_edits(front_axle="2.6", rear_axle="2.0"))
     assert "farther apart than the bumpers" in "".join(failures(longer).values())
 
 
-# Simulators that have their reasons
+# Deviations that a simulator may declare
 
 
 def late(by: int) -> Callable[..., Any]:
-    """The simulator with sensors that are late by a number of periods."""
+    """Return the simulator with observations that are so many periods old."""
     return bicycle(
         (RESET, f"{RESET}\n                views = []"),
         (f"driver.act({SEES})", f"driver.act((views.append({SEES}), views[-{1 + by}:][0])[1])"),
     )
 
 
-def test_what_a_driver_sees_may_be_a_little_late() -> None:
+def test_observations_may_be_a_little_late() -> None:
     assert failures(late(1)) == {}
-    noticed = {"driver_sees_its_car_on_the_road", "records_hold_what_the_driver_asked_for"}
-    assert failures(late(1), latency=0.0).keys() == noticed
-    assert failures(late(4)).keys() >= noticed
+    failing = {"driver_sees_its_car_on_the_road", "records_hold_what_the_driver_asked_for"}
+    assert failures(late(1), latency=0.0).keys() == failing
+    assert failures(late(4)).keys() >= failing
 
 
 def test_drives_may_differ_where_that_is_declared() -> None:
@@ -267,15 +269,15 @@ def test_drives_may_differ_where_that_is_declared() -> None:
         "rules_may_be_set_between_drives",
         "broken_driver_leaves_the_next_drive_clean",
     }
-    said = failures(differs)
-    assert said.keys() <= repeated
-    assert "did not give the same drive bit for bit" in said["same_road_same_drive"]
+    messages = failures(differs)
+    assert messages.keys() <= repeated
+    assert "did not give the same drive bit for bit" in messages["same_road_same_drive"]
     assert failures(differs, repeats_within=0.1) == {}
-    said = failures(differs, repeats_within=0.005)
-    assert re.search(r"are 0\.0\d m apart", said["same_road_same_drive"])
+    messages = failures(differs, repeats_within=0.005)
+    assert re.search(r"are 0\.0\d m apart", messages["same_road_same_drive"])
 
 
-def test_a_drive_that_does_not_come_back_is_given_up() -> None:
+def test_a_drive_that_hangs_fails_its_test_after_the_wall_limit() -> None:
     hangs = bicycle(
         ("observer = Observer(", "while True:\n            pass\n        observer = Observer(")
     )
@@ -284,18 +286,20 @@ def test_a_drive_that_does_not_come_back_is_given_up() -> None:
         suite.test_gentle_road_is_passed(gentle_road())
 
 
-def test_a_simulator_that_claims_slopes_and_lays_none_is_found() -> None:
+def test_a_simulator_that_claims_slopes_and_has_none_fails() -> None:
     def claims(**options: Any) -> Any:
         simulator = bicycle()(**options)
         simulator.lays_slopes = True
         return simulator
 
-    said = failures(claims)
-    assert said.keys() == {"rolls_down_a_slope"}
-    assert "down a slope of 10 % the car does 0.0 m/s after 3.0 s, where" in "".join(said.values())
+    messages = failures(claims)
+    assert messages.keys() == {"rolls_down_a_slope"}
+    assert "down a slope of 10 % the car does 0.0 m/s after 3.0 s, where" in "".join(
+        messages.values()
+    )
 
 
-def test_only_a_declared_start_is_at_speed() -> None:
+def test_a_start_at_speed_must_be_declared() -> None:
     rolls = bicycle(("road.pose.heading, 0.0", "road.pose.heading, 8.0"))
     assert failures(rolls, start_speed=8.0) == {}
     assert failures(bicycle(), start_speed=8.0).keys() == {"starts_at_rest_in_the_ego_lane"}

@@ -1,4 +1,4 @@
-"""The base class of simulators that are stepped."""
+"""`SteppedSimulator`, the base class of simulators that move step by step."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ HALF_TURN = Road([0.0, 0.0, 0.03, 0.03, 0.03, 0.03, 0.03, 0.03, 0.03, 0.03, 0.03
 
 
 class Bicycle(SteppedSimulator):
-    """A kinematic bicycle with headings in -pi..pi, whose physics break at a time of choice."""
+    """A kinematic bicycle with headings in -pi..pi; its position is nan after `breaks_at` s."""
 
     breaks_at = math.inf
 
@@ -57,7 +57,7 @@ def test_headings_are_unwrapped_and_steering_is_cut() -> None:
     assert max(simulator.asked) == 0.05
 
 
-def test_its_start_can_be_varied() -> None:
+def test_the_start_of_the_car_can_be_varied() -> None:
     simulator = Bicycle()
     assert {"rules", "start_offset", "start_heading"} == capabilities(simulator).variable
     simulator.start_offset, simulator.start_heading = 0.5, -0.2
@@ -67,36 +67,38 @@ def test_its_start_can_be_varied() -> None:
     assert t.heading[0] == pytest.approx(HALF_TURN.pose.heading - 0.2)
 
 
-def test_broken_physics_are_the_simulators_fault() -> None:
+def test_a_motion_of_nan_is_the_fault_of_the_simulator() -> None:
     simulator = Bicycle()
     simulator.breaks_at = 1.0
     with pytest.raises(ArithmeticError, match="the physics broke: the car's motion is"):
         simulator.drive(HALF_TURN, Stanley())
 
 
-class Engine(Bicycle):
-    """Keeps what moves its car where the box of it is kept."""
+class OverwritesCar(Bicycle):
+    """A simulator that overwrites `car`, the box of its car, with another object."""
 
     def start(self, road: Road, pose: Pose, setup: DriveSetup) -> Motion:
         self.car = object()  # type: ignore[assignment]
         return super().start(road, pose, setup)
 
 
-def test_a_box_that_is_none_is_named() -> None:
-    simulator = Engine()
+def test_an_overwritten_car_box_is_an_error_that_names_it() -> None:
+    simulator = OverwritesCar()
     for _ in range(2):
-        with pytest.raises(TypeError, match=r"Engine\.car is the box .* keep the object under"):
+        with pytest.raises(
+            TypeError, match=r"OverwritesCar\.car is the box .* keep the object under"
+        ):
             simulator.drive(HALF_TURN, Stanley())
 
 
-class Own(Stanley):
-    """Has a period of its own."""
+class SlowStanley(Stanley):
+    """Stanley with a period of 0.1 s."""
 
     period = 0.1
 
 
-def test_a_driver_with_a_period_of_its_own_is_asked_so_often_as_it_allows() -> None:
-    simulator, driver = Bicycle(), Own()
+def test_steps_are_as_long_as_the_drivers_period_allows() -> None:
+    simulator, driver = Bicycle(), SlowStanley()
     assert judge(HALF_TURN, simulator.drive(HALF_TURN, driver)).outcome is Outcome.PASS
     assert simulator.lengths == {0.05}
     driver.period = 0.02

@@ -1,3 +1,5 @@
+"""The embedded vehicle model, against the CommonRoad models, energy and closed forms."""
+
 from __future__ import annotations
 
 import math
@@ -33,12 +35,12 @@ from frenetic.simulators.embedded.single_track import (
 )
 from frenetic.simulators.embedded.vehicle import GRAVITY, Vehicle
 
-DT = 0.01
+DT = 0.01  # s
 CAR = Vehicle()
 FREE = Vehicle(drag_area=0.0, rolling_resistance=0.0)
-"""The car of the CommonRoad models, which know no drag."""
+"""The car of the CommonRoad models, which have no drag."""
 LIMIT = CAR.grip * GRAVITY
-"""m/s², more than which no tyre gives."""
+"""Largest acceleration that the tyres allow, in m/s²."""
 
 Inputs = Callable[[float], tuple[float, float, float]]
 """Time [s] to steering [rad], throttle and brake."""
@@ -46,11 +48,12 @@ Inputs = Callable[[float], tuple[float, float, float]]
 
 @pytest.fixture(scope="module")
 def bmw() -> Any:
+    """The parameters of CommonRoad's vehicle 2, a BMW 320i."""
     return parameters_vehicle2()
 
 
 def at(speed: float, **values: float) -> FloatArray:
-    """A state with this speed [m/s] and else only what is given."""
+    """Return a state with a speed in m/s and some other values; the rest is 0."""
     index = {"vy": LATERAL_SPEED, "r": YAW_RATE, "delta": STEERING, "heading": HEADING}
     state = np.zeros(STATE_SIZE)
     state[SPEED] = speed
@@ -67,7 +70,7 @@ def rates(
     throttle: float = 0.0,
     brake: float = 0.0,
 ) -> FloatArray:
-    """The state's change in a second."""
+    """Return the time derivative of a state."""
     _, _, heading, v_x, v_y, r, delta = state
     pedals = min(max(throttle, 0.0), 1.0), min(max(brake, 0.0), 1.0)
     slopes = motion(v_x, v_y, r, delta, steering, *pedals, car.to_array())
@@ -78,7 +81,7 @@ def rates(
 def axle_forces(
     state: FloatArray, throttle: float, brake: float, p: FloatArray
 ) -> tuple[float, float, float, float, float, float]:
-    """F_x, F_y and F_z of the front axle, then of the rear axle."""
+    """Return F_x, F_y and F_z in N of the front axle, then of the rear axle."""
     delta = state[STEERING]
     v_x, v_y, r = state[SPEED:STEERING]
     forces: tuple[float, float, float, float, float, float] = single_track.axle_forces(
@@ -90,7 +93,7 @@ def axle_forces(
 def simulate(
     car: Vehicle, state: FloatArray, inputs: Inputs, duration: float, dt: float = DT
 ) -> FloatArray:
-    """The states (n + 1, 7) at every step, the start included."""
+    """Return the states, (n + 1, 7), from the start to the end."""
     p = car.to_array()
     state = state.copy()
     states = [state.copy()]
@@ -111,7 +114,7 @@ def kinetic_energy(car: Vehicle, states: FloatArray) -> FloatArray:
 
 
 def power(car: Vehicle, state: FloatArray, rate: FloatArray) -> float:
-    """W, rate of change of the kinetic energy."""
+    """Return the time derivative of the kinetic energy, in W."""
     along = state[SPEED] * rate[SPEED] + state[LATERAL_SPEED] * rate[LATERAL_SPEED]
     return float(car.mass * along + car.yaw_inertia * state[YAW_RATE] * rate[YAW_RATE])
 
@@ -125,7 +128,7 @@ SHARE = finite(0.0, 1.0)
 
 @st.composite
 def states(draw: st.DrawFn) -> FloatArray:
-    """Any state that a car may get into, spinning and sliding backwards included."""
+    """Draw a state of a car, which may spin or slide backwards."""
     return np.array(
         [
             0.0,
@@ -140,7 +143,7 @@ def states(draw: st.DrawFn) -> FloatArray:
 
 
 class TestParameters:
-    def test_are_those_of_the_reference(self, bmw: Any) -> None:
+    def test_parameters_equal_the_reference(self, bmw: Any) -> None:
         assert CAR.mass == bmw.m
         assert CAR.yaw_inertia == bmw.I_z
         assert (CAR.front_axle, CAR.rear_axle, CAR.cg_height) == (bmw.a, bmw.b, bmw.h_s)
@@ -150,7 +153,7 @@ class TestParameters:
         assert (CAR.steering_limit, CAR.steering_rate) == (bmw.steering.max, bmw.steering.v_max)
         assert CAR.brake_front_share == bmw.T_sb
 
-    def test_body_reaches_as_far_beyond_either_axle(self) -> None:
+    def test_front_and_rear_overhang_are_equal(self) -> None:
         body = CAR.body()
         assert isinstance(body, CarBody)
         front_overhang = body.centre_ahead + body.length / 2 - CAR.front_axle
@@ -161,7 +164,7 @@ class TestParameters:
         assert shifted == pytest.approx(body.centre_ahead + 0.1)
 
     @pytest.mark.parametrize("name", [item.name for item in fields(Vehicle)])
-    def test_refuses_what_is_no_number_of_its_kind(self, name: str) -> None:
+    def test_a_value_that_is_no_valid_number_is_refused(self, name: str) -> None:
         for value in (-1.0, math.nan, math.inf, "x"):
             with pytest.raises(ValueError, match=f"^{name} is {value!r}: a number.* is needed"):
                 replace(CAR, **{name: value})  # type: ignore[arg-type]
@@ -179,11 +182,11 @@ class TestParameters:
             ("steering_lag", 0.001, "steering_lag is 0.001 s: at least 0.005 s are needed"),
         ],
     )
-    def test_refuses_what_is_out_of_range(self, name: str, value: float, message: str) -> None:
+    def test_a_value_out_of_range_is_refused(self, name: str, value: float, message: str) -> None:
         with pytest.raises(ValueError, match=message):
             replace(CAR, **{name: value})
 
-    def test_a_car_has_a_name_and_differences(self) -> None:
+    def test_a_named_car_can_be_changed(self) -> None:
         assert Vehicle.of({"name": "etk800", "mass": 1600.0}) == replace(
             Vehicle.named("etk800"), mass=1600.0
         )
@@ -197,13 +200,15 @@ class TestParameters:
 
 
 class TestAgainstSingleTrack:
-    """CommonRoad's single-track model, whose tyres are linear: slips stay below 0.5 degrees.
+    """Comparison with CommonRoad's single-track model, whose tyres are linear.
 
-    There, the Magic Formula is up to 1.2 % below its tangent.
+    Slip stays below 0.5 degrees. There, the Magic Formula is up to 1.2 % below its tangent.
     """
 
     @pytest.mark.parametrize("acceleration", [-0.5, 0.0, 0.5])
-    def test_derivatives(self, bmw: Any, acceleration: float) -> None:
+    def test_derivatives_agree_with_the_single_track_model(
+        self, bmw: Any, acceleration: float
+    ) -> None:
         rng = np.random.default_rng(1)
         throttle = max(acceleration, 0.0) / FREE.engine_acceleration
         brake = max(-acceleration, 0.0) / FREE.brake_deceleration
@@ -216,15 +221,15 @@ class TestAgainstSingleTrack:
             delta = slip_f + math.atan((v_y + car.front_axle * r) / v)
             state = at(v, vy=v_y, r=r, delta=delta)
 
-            ours = rates(car, state, steering=delta, throttle=throttle, brake=brake)
+            derivatives = rates(car, state, steering=delta, throttle=throttle, brake=brake)
             speed = math.hypot(v, v_y)
-            slip_rate = (v * ours[LATERAL_SPEED] - v_y * ours[SPEED]) / speed**2
+            slip_rate = (v * derivatives[LATERAL_SPEED] - v_y * derivatives[SPEED]) / speed**2
             reference_rates = vehicle_dynamics_st(
                 [0.0, 0.0, delta, speed, 0.0, r, math.atan2(v_y, v)], [0.0, acceleration], bmw
             )
 
-            # What the reference leaves out: the front brake's force across the car, and the change
-            # of the slip angle as the speed along the car changes.
+            # The reference leaves out the front brake's force across the car, and the change of the
+            # slip angle with the speed along the car.
             brake_across = axle_forces(state, throttle, brake, car.to_array())[0]
             brake_across *= math.sin(delta)
             yaw_rate = reference_rates[5] + car.front_axle * brake_across / car.yaw_inertia
@@ -232,34 +237,36 @@ class TestAgainstSingleTrack:
                 reference_rates[6] + (brake_across / car.mass - acceleration * v_y / speed) / speed
             )
 
-            # Both are differences of the axles' contributions: the error is a share of their sum.
+            # Both rates are differences between the axles: the tolerance is a share of their sum.
             stiffness = car.tyre_stiffness * car.mass * GRAVITY / car.wheelbase
             front = stiffness * car.rear_axle * abs(slip_f)
             rear = stiffness * car.front_axle * abs(slip_r)
             turning = (car.front_axle * front + car.rear_axle * rear) / car.yaw_inertia
             sliding = (front + rear) / (car.mass * speed)
-            assert ours[YAW_RATE] == pytest.approx(yaw_rate, abs=0.025 * turning + 1e-3)
+            assert derivatives[YAW_RATE] == pytest.approx(yaw_rate, abs=0.025 * turning + 1e-3)
             assert slip_rate == pytest.approx(slip, abs=0.025 * sliding + 1e-4)
 
 
 class TestAgainstKinematicModel:
-    def test_crawling_follows_the_wheels(self, bmw: Any) -> None:
-        def asked(t: float) -> float:
+    def test_a_slow_car_follows_its_wheels(self, bmw: Any) -> None:
+        def steering_at(t: float) -> float:
             return 0.3 * math.sin(0.8 * t)
 
         def reference_motion(t: float, x: FloatArray) -> list[float]:
-            wanted = (asked(t) - x[2]) / FREE.steering_lag
-            v = float(np.interp(t, times, ours[:, SPEED]))
+            wanted = (steering_at(t) - x[2]) / FREE.steering_lag
+            v = float(np.interp(t, times, states_of_car[:, SPEED]))
             rate: list[float] = vehicle_dynamics_ks([*x[:3], v, x[4]], [wanted, 0.0], bmw)
             return rate
 
         speed = 2.0
-        ours = simulate(FREE, at(speed), lambda t: (asked(t + DT / 2), 0.0, 0.0), 10.0)
-        times = np.arange(len(ours)) * DT
-        start = [-FREE.rear_axle, 0.0, 0.0, 0.0, 0.0]  # their point of reference: the rear axle
+        states_of_car = simulate(
+            FREE, at(speed), lambda t: (steering_at(t + DT / 2), 0.0, 0.0), 10.0
+        )
+        times = np.arange(len(states_of_car)) * DT
+        start = [-FREE.rear_axle, 0.0, 0.0, 0.0, 0.0]  # the reference model moves its rear axle
         reference = solve_ivp(reference_motion, (0.0, 10.0), start, rtol=1e-8, atol=1e-8).y[:, -1]
 
-        x, y, heading = ours[-1, :3]
+        x, y, heading = states_of_car[-1, :3]
         rear_x = x - FREE.rear_axle * math.cos(heading)
         rear_y = y - FREE.rear_axle * math.sin(heading)
         assert math.hypot(rear_x - reference[0], rear_y - reference[1]) < 0.02 * speed
@@ -272,7 +279,7 @@ class TestTyres:
         for slip in np.linspace(-1.3, 1.3, 131):
             state = at(speed, vy=-speed * math.tan(slip))
             _, front_y, front_z, _, rear_y, rear_z = axle_forces(state, 0.0, 0.0, CAR.to_array())
-            # Theirs counts slip to the left, ours to the right.
+            # The reference counts slip to the left, our model to the right.
             front = formula_lateral(slip, 0.0, front_z, bmw.tire)[0]
             rear = formula_lateral(slip, 0.0, rear_z, bmw.tire)[0]
             share = 0.001 if abs(slip) < 0.1 else 0.026
@@ -316,9 +323,9 @@ class TestTyres:
         assert braking - coasting == pytest.approx(shift * CAR.brake_deceleration)
         assert coasting - driving == pytest.approx(shift * CAR.engine_acceleration)
         snow = replace(CAR, friction=0.3)
-        most = snow.slip_control * snow.grip * GRAVITY
+        limit = snow.slip_control * snow.grip * GRAVITY
         braking = axle_forces(at(10.0), 0.0, 1.0, snow.to_array())[2]
-        assert braking - coasting == pytest.approx(shift * most)
+        assert braking - coasting == pytest.approx(shift * limit)
 
     def test_softer_front_tyres_give_less_force_for_a_small_slip(self) -> None:
         car = replace(CAR, front_stiffness=0.4)
@@ -327,14 +334,14 @@ class TestTyres:
         )
         assert front_y / front_z == pytest.approx(0.4 * rear_y / rear_z, rel=1e-4)
 
-    def test_the_limit_is_reached(self) -> None:
+    def test_a_sharp_turn_reaches_the_grip_limit(self) -> None:
         driven = simulate(FREE, at(20.0), constant_inputs(0.12), 2.0)
         lateral = [rates(FREE, s)[LATERAL_SPEED] + s[SPEED] * s[YAW_RATE] for s in driven]
         assert max(lateral) > 0.95 * LIMIT
 
 
 class TestEnergy:
-    def test_drag_is_that_of_air_and_tyres(self) -> None:
+    def test_drag_is_air_drag_plus_rolling_drag(self) -> None:
         expected = (0.5 * 1.2 * 0.65 * 20.0**2 + 0.012 * CAR.mass * GRAVITY) / CAR.mass
         assert rates(CAR, at(20.0))[SPEED] == pytest.approx(-expected)
 
@@ -352,11 +359,11 @@ class TestEnergy:
         self, state: FloatArray, steering: float, throttle: float, brake: float
     ) -> None:
         rate = rates(CAR, state, steering=steering, throttle=throttle, brake=brake)
-        most = throttle * CAR.mass * CAR.engine_acceleration * CAR.switch_speed
-        assert power(CAR, state, rate) <= most * (1.0 + 1e-9) + 1e-6
+        limit = throttle * CAR.mass * CAR.engine_acceleration * CAR.switch_speed
+        assert power(CAR, state, rate) <= limit * (1.0 + 1e-9) + 1e-6
 
     @pytest.mark.parametrize("throttle", [0.3, 1.0])
-    def test_throttle_does_the_engines_work(self, throttle: float) -> None:
+    def test_the_energy_gained_is_the_work_of_the_engine(self, throttle: float) -> None:
         acceleration = throttle * FREE.engine_acceleration
         switched = FREE.switch_speed / acceleration
         driven = simulate(FREE, at(0.0), constant_inputs(throttle=throttle), 15.0)
@@ -370,8 +377,8 @@ class TestEnergy:
     def test_traction_limits_the_start_on_snow(self) -> None:
         car = replace(FREE, friction=0.3)
         usable = car.slip_control * car.grip
-        most = usable * GRAVITY * car.front_axle / (car.wheelbase - usable * car.cg_height)
-        assert rates(car, at(3.0), throttle=1.0)[SPEED] == pytest.approx(most)
+        limit = usable * GRAVITY * car.front_axle / (car.wheelbase - usable * car.cg_height)
+        assert rates(car, at(3.0), throttle=1.0)[SPEED] == pytest.approx(limit)
 
     @pytest.mark.parametrize(("speed", "friction"), [(5.0, 1.0), (20.0, 0.4), (40.0, 0.7)])
     def test_braking_distance(self, speed: float, friction: float) -> None:
@@ -387,8 +394,8 @@ class TestEnergy:
 
 
 class TestActuator:
-    def test_rate_limit_then_lag(self) -> None:
-        """At 0.4 rad/s until 0.4 rad/s times the lag is left, which then decays."""
+    def test_steering_moves_at_its_rate_limit_then_lags(self) -> None:
+        """Steering moves at 0.4 rad/s until 0.4 rad/s times the lag is left; the rest decays."""
         wanted = 0.3
         lag, rate = CAR.steering_lag, CAR.steering_rate
         angles = simulate(CAR, at(5.0), constant_inputs(wanted), 1.5)[:, STEERING]
@@ -399,7 +406,7 @@ class TestActuator:
             expected = rate * t if t <= turn else wanted - left
             assert angle == pytest.approx(expected, abs=1e-4)
 
-    def test_pedals_are_clipped(self) -> None:
+    def test_pedals_are_cut_to_0_to_1(self) -> None:
         assert np.array_equal(
             rates(CAR, at(10.0), throttle=2.0, brake=-1.0), rates(CAR, at(10.0), throttle=1.0)
         )
@@ -417,13 +424,13 @@ class TestStandstill:
 
     @pytest.mark.parametrize("speed", [0.3, 2.0, 10.0])
     @pytest.mark.parametrize("delta", [0.0, 0.2, 0.5])
-    def test_braking_never_reverses(self, speed: float, delta: float) -> None:
+    def test_braking_never_moves_a_car_backwards(self, speed: float, delta: float) -> None:
         driven = simulate(CAR, at(speed, delta=delta), constant_inputs(delta, brake=1.0), 4.0)
         assert (driven[:, SPEED] >= 0.0).all()
         assert np.abs(driven[-1, SPEED : YAW_RATE + 1]).max() < 1e-6
 
     def test_brakes_stop_a_backward_slide(self) -> None:
-        """Less well than a forward drive: the load is at the rear, the brakes are in front."""
+        """The way is longer than forwards: the load is at the rear, the brakes are in front."""
         end = simulate(CAR, at(-10.0), constant_inputs(brake=1.0), 4.0)[-1]
         assert abs(end[SPEED]) < 1e-6
         best = 10.0**2 / (2.0 * CAR.brake_deceleration)
@@ -431,7 +438,7 @@ class TestStandstill:
 
 
 def schedule(seed: int) -> Inputs:
-    """A driver's erratic inputs, held for 50 ms each."""
+    """Return random inputs that change every 50 ms."""
     rng = np.random.default_rng(seed)
     steering = rng.uniform(-0.3, 0.3, 200)
     throttle = rng.uniform(0.0, 1.0, 200)
@@ -486,9 +493,9 @@ class TestIntegration:
         p = car.to_array()
         energy = kinetic_energy(car, state)
         engine = car.mass * car.engine_acceleration * car.switch_speed
-        for asked in inputs:
+        for controls in inputs:
             for _ in range(20):
-                advance(state, *asked, p, DT)
+                advance(state, *controls, p, DT)
             energy += engine * 20 * DT
             assert np.isfinite(state).all()
             assert abs(state[STEERING]) <= car.steering_limit + 1e-12
