@@ -1,4 +1,4 @@
-"""Domains: their file, their points and distributions, and campaigns in them."""
+"""Domains: files, distributions, and campaigns inside a domain."""
 
 from __future__ import annotations
 
@@ -34,6 +34,7 @@ load = 150
 
 @pytest.fixture
 def path(tmp_path: Path) -> Path:
+    """The file of a domain."""
     path = tmp_path / "town.toml"
     path.write_text(TEXT, encoding="utf-8")
     return path
@@ -51,7 +52,7 @@ def test_a_file_describes_a_domain(path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("text", "said"),
+    ("text", "message"),
     [
         ("[conditions]\ngrip = 1", "unknown condition 'grip'"),
         ("[conditions]\nfriction = 9", "friction is from 9 to 9: 0.01 to 1.5 is needed"),
@@ -70,23 +71,23 @@ def test_a_file_describes_a_domain(path: Path) -> None:
         ("TAXONOMY:\n  friction: float", "town.toml is no TOML file"),
     ],
 )
-def test_a_wrong_file_is_one_line(path: Path, text: str, said: str) -> None:
+def test_a_wrong_file_is_a_one_line_error(path: Path, text: str, message: str) -> None:
     path.write_text(text, encoding="utf-8")
-    with pytest.raises(FreneticError, match=said) as caught:
+    with pytest.raises(FreneticError, match=message) as caught:
         Domain.of(path)
     assert "\n" not in str(caught.value)
 
 
 @given(st.floats(0.0, 1.0))
-def test_a_share_and_its_amount_are_the_reverse_of_each_other(share: float) -> None:
-    for of in (
+def test_share_and_amount_are_inverse_functions(share: float) -> None:
+    for distribution in (
         Distribution(low=-2.0, high=6.0),
         Distribution(low=-18.0, high=18.0, mean=3.0, deviation=8.0),
     ):
-        amount = of.amount(share)
+        amount = distribution.amount(share)
         assert amount is not None
-        assert of.low <= amount <= of.high
-        assert of.share(amount) == pytest.approx(share, abs=1e-6)
+        assert distribution.low <= amount <= distribution.high
+        assert distribution.share(amount) == pytest.approx(share, abs=1e-6)
 
 
 def test_amounts_are_distributed_as_declared(path: Path) -> None:
@@ -110,25 +111,25 @@ def test_amounts_are_distributed_as_declared(path: Path) -> None:
     assert len({conditions[SEED] for conditions in drawn}) == 4000
 
 
-def test_shares_of_conditions_are_the_point_they_came_from(path: Path) -> None:
+def test_conditions_are_restored_from_their_shares(path: Path) -> None:
     domain, rng = Domain.of(path), np.random.default_rng(2)
     for _ in range(50):
         conditions = domain.at(rng.random(domain.dimension), 400.0)
-        again = domain.at(domain.shares_of(conditions, 400.0), 400.0)
-        assert again.keys() == conditions.keys()
+        restored = domain.at(domain.shares_of(conditions, 400.0), 400.0)
+        assert restored.keys() == conditions.keys()
         for name, amount in conditions.items():
-            assert again[name] == pytest.approx(amount, rel=2e-3, abs=0.2)
+            assert restored[name] == pytest.approx(amount, rel=2e-3, abs=0.2)
 
 
 def test_places_of_conditions_move_with_the_length_of_the_road() -> None:
-    there = {"friction": 0.5, "wet": 0.4, "wet_at": 30.0, "gust": 9.0, "gust_at": 100.0}
-    assert moved_along(there, -40.0) == {"friction": 0.5, "gust": 9.0, "gust_at": 60.0}
-    assert moved_along(there, 10.0)["wet_at"] == 40.0
-    assert as_text(there) == "friction 0.5, wet 0.4 at 30 m, gust 9 m/s at 100 m"
+    conditions = {"friction": 0.5, "wet": 0.4, "wet_at": 30.0, "gust": 9.0, "gust_at": 100.0}
+    assert moved_along(conditions, -40.0) == {"friction": 0.5, "gust": 9.0, "gust_at": 60.0}
+    assert moved_along(conditions, 10.0)["wet_at"] == 40.0
+    assert as_text(conditions) == "friction 0.5, wet 0.4 at 30 m, gust 9 m/s at 100 m"
 
 
 @pytest.mark.parametrize("name", ["frenetic", pytest.param("random", marks=pytest.mark.heavy)])
-def test_a_campaign_in_a_domain_goes_on_and_is_driven_again(
+def test_a_resumed_campaign_in_a_domain_equals_an_uninterrupted_one(
     name: str, path: Path, tmp_path: Path
 ) -> None:
     domain = Domain.of(path)
@@ -137,14 +138,14 @@ def test_a_campaign_in_a_domain_goes_on_and_is_driven_again(
     whole.run()
     parts = Campaign.of(spec, folder=tmp_path / "parts", workers=1)
     parts.run(20)
-    again = Campaign.of(spec, folder=tmp_path / "parts", workers=1)
-    again.resume()
+    resumed = Campaign.of(spec, folder=tmp_path / "parts", workers=1)
+    resumed.resume()
     with CampaignStore.open(tmp_path / "whole") as a, CampaignStore.open(tmp_path / "parts") as b:
-        tests, others = list(a.tests()), list(b.tests())
+        tests, resumed_tests = list(a.tests()), list(b.tests())
         assert [test.candidate.conditions for test in tests] == [
-            test.candidate.conditions for test in others
+            test.candidate.conditions for test in resumed_tests
         ]
-        assert [test.outcome for test in tests] == [test.outcome for test in others]
+        assert [test.outcome for test in tests] == [test.outcome for test in resumed_tests]
         assert all(test.candidate.conditions for test in tests if test.outcome.is_driven)
         assert a.setting.domain == domain
     written = Spec.read(tmp_path / "whole" / FILE)
@@ -152,14 +153,14 @@ def test_a_campaign_in_a_domain_goes_on_and_is_driven_again(
     assert written.road_class == domain.road_class
 
 
-def test_without_a_domain_nothing_changes() -> None:
+def test_without_a_domain_candidates_have_no_conditions() -> None:
     for kind in (Frenetic, RandomSearch):
         strategy: Any = kind(seed=1)
         for _ in range(5):
             assert strategy.ask().conditions == {}
 
 
-def test_until_something_fails_a_search_has_rare_conditions_in_half_of_its_roads() -> None:
+def test_before_the_first_failure_half_of_the_roads_have_rare_conditions() -> None:
     rare = {"low": 0.1, "high": 0.3, "chance": 0.1}
     domain = Domain.from_entries(
         "x", {"conditions": {"delay": rare, "load": {"low": 0, "high": 300}}}
@@ -167,12 +168,12 @@ def test_until_something_fails_a_search_has_rare_conditions_in_half_of_its_roads
     shares = {}
     for kind in (Frenetic, RandomSearch):
         strategy: Any = kind(seed=1, domain=domain)
-        asked = [strategy.ask().conditions for _ in range(400)]
-        delays = [conditions["delay"] for conditions in asked if "delay" in conditions]
-        shares[kind] = len(delays) / len(asked)
-        # Evenly over their range, as the others are.
+        drawn = [strategy.ask().conditions for _ in range(400)]
+        delays = [conditions["delay"] for conditions in drawn if "delay" in conditions]
+        shares[kind] = len(delays) / len(drawn)
+        # Delays are spread evenly over their range, as loads are.
         assert np.quantile(delays, (0.1, 0.5, 0.9)) == pytest.approx((0.12, 0.2, 0.28), abs=0.03)
-        loads = [conditions["load"] for conditions in asked]
+        loads = [conditions["load"] for conditions in drawn]
         assert np.quantile(loads, (0.1, 0.5, 0.9)) == pytest.approx((30, 150, 270), abs=25)
     assert shares[Frenetic] == pytest.approx(0.5, abs=0.08)
     assert shares[RandomSearch] == pytest.approx(0.1, abs=0.05)
@@ -184,8 +185,10 @@ def test_after_a_failure_conditions_are_drawn_from_the_domain() -> None:
     strategy = Frenetic(seed=1, domain=domain, random_roads=300)
     first = strategy.ask()
     strategy.tell(Evaluation(first, Outcome.FAIL, -1.0, 0.001))
-    asked = [strategy.ask() for _ in range(250)]
-    drawn = [candidate.conditions for candidate in asked if candidate.origin.operator == "random"]
+    candidates = [strategy.ask() for _ in range(250)]
+    drawn = [
+        candidate.conditions for candidate in candidates if candidate.origin.operator == "random"
+    ]
     assert len(drawn) > 200
     assert sum("delay" in conditions for conditions in drawn) / len(drawn) == pytest.approx(
         0.1, abs=0.06

@@ -1,4 +1,4 @@
-"""Criteria: their signals against closed forms, scipy and shapely, profiles, and verdicts."""
+"""Criteria: signals against closed forms, scipy and shapely; sets of criteria; verdicts."""
 
 from __future__ import annotations
 
@@ -41,20 +41,20 @@ from frenetic.search import RandomSearch
 from frenetic.simulators import EmbeddedSimulator
 from frenetic.spec import Spec
 
-RATE = 0.05  # s
+PERIOD = 0.05  # s between records
 ISO = criteria_sets()["after-iso-11270"]
 
 
 def read_criteria(entry: Any) -> CriteriaSet:
-    """The criteria of an entry or of an option's text."""
-    profile = Spec(criteria=entry).rules.criteria
-    assert isinstance(profile, CriteriaSet)
-    return profile
+    """Return the criteria of an entry or of an option's text."""
+    criteria = Spec(criteria=entry).rules.criteria
+    assert isinstance(criteria, CriteriaSet)
+    return criteria
 
 
 def along(road: Road, speed: float, aside: float = 0.0) -> Drive:
-    """A drive along the middle of the ego lane, or so many m left of it, at a steady speed."""
-    time = np.arange(0.0, (road.length - 1.0) / speed, RATE)
+    """Return a steady drive along the middle of the ego lane, or so many m left of it."""
+    time = np.arange(0.0, (road.length - 1.0) / speed, PERIOD)
     offset = aside - 0.5 * road.lane_width
     s = speed * time
     line = road.sample(0.01)
@@ -62,7 +62,7 @@ def along(road: Road, speed: float, aside: float = 0.0) -> Drive:
     headings = np.array([road.pose_at(place)[2] for place in s])
     x, y = (np.interp(s, places, line[:, k]) for k in (0, 1))
     curvature = road.curvature_at(s)
-    # The way of the car itself, beside the line, is longer or shorter.
+    # In a bend the car's way beside the line is longer or shorter than the line.
     car_speed = speed * (1.0 - curvature * offset)
     columns = {name: np.zeros(len(time)) for name in Trajectory.names()}
     columns |= {
@@ -77,21 +77,23 @@ def along(road: Road, speed: float, aside: float = 0.0) -> Drive:
 
 
 def amount(name: str, drive: Drive) -> float:
+    """Return the worst value of a signal in a drive."""
     assert drive.road is not None
     measurement = worst(name, locate_drive(drive.road, drive))
     assert measurement is not None
     return measurement.value
 
 
-def judged(road: Road, drive: Drive, profile: CriteriaSet) -> Any:
-    return judge(road, replace(drive, rules=Rules(criteria=profile)))
+def judged(road: Road, drive: Drive, criteria: CriteriaSet) -> Any:
+    """Return the verdict on a drive by some criteria."""
+    return judge(road, replace(drive, rules=Rules(criteria=criteria)))
 
 
 # Closed forms
 
 
 @pytest.mark.parametrize("side", [1.0, -1.0])
-def test_on_a_circle_the_lateral_acceleration_is_that_of_the_speed_and_curvature(
+def test_the_lateral_acceleration_on_a_circle_is_speed_squared_over_radius(
     side: float,
 ) -> None:
     road, speed = Road(np.full(21, side * 0.01)), 15.0
@@ -107,21 +109,21 @@ def test_on_a_circle_the_lateral_acceleration_is_that_of_the_speed_and_curvature
     assert measurement.side == ("left" if side > 0.0 else "right")
 
 
-def test_on_a_clothoid_the_jerk_is_that_of_the_speed_and_the_change_of_curvature() -> None:
+def test_the_jerk_on_a_clothoid_is_speed_cubed_times_the_change_of_curvature() -> None:
     change, speed = 1e-4, 12.0  # 1/m per m
     road = Road(change * 10.0 * np.arange(21), lane_width=4.0)
     drive = along(road, speed, aside=2.0)  # on the road's own line
     assert amount("lateral_jerk", drive) == pytest.approx(speed**3 * change, rel=1e-9)
 
 
-def test_where_a_straight_meets_a_circle_the_mean_over_half_a_second_is_what_counts() -> None:
+def test_the_jerk_at_the_start_of_a_circle_is_a_mean_over_half_a_second() -> None:
     speed, curvature = 10.0, 0.02
     road = Road(np.array([0.0] * 11 + [curvature] * 11))  # a clothoid of 10 m, 1 s long
     drive = along(road, speed, aside=2.0)
     assert amount("lateral_jerk", drive) == pytest.approx(speed**2 * curvature, rel=1e-6)
 
 
-def test_in_the_middle_the_edge_distance_is_half_the_lane_width_minus_half_the_car_width() -> None:
+def test_the_edge_distance_in_the_middle_is_half_of_lane_width_minus_car_width() -> None:
     road = Road(np.zeros(21))
     gap = 0.5 * (4.0 - CarBody().width)
     for aside in (0.0, 0.5, -0.7, 1.5):
@@ -139,7 +141,7 @@ def test_a_wider_lane_leaves_more_room_on_its_right() -> None:
     assert amount("edge_distance", along(road, 15.0, -0.5)) == pytest.approx(gap + 0.1, abs=1e-9)
 
 
-def test_steps_and_ramps() -> None:
+def test_signals_of_steps_and_ramps_are_exact() -> None:
     road = Road(np.zeros(21))
     drive = along(road, 10.0)
     time = drive.trajectory.time
@@ -154,7 +156,7 @@ def test_steps_and_ramps() -> None:
     assert amount("longitudinal_jerk", braking) == pytest.approx(0.0, abs=1e-9)
     assert amount("steering_rate", with_(steering=0.02 * time)) == pytest.approx(np.degrees(0.02))
     stands = with_(speed=np.where((time > 3.0) & (time < 8.0), 0.0, 10.0))
-    assert amount("stop", stands) == pytest.approx(5.0, abs=2.0 * RATE)
+    assert amount("stop", stands) == pytest.approx(5.0, abs=2.0 * PERIOD)
     assert amount("stop", with_(speed=np.where(time < 3.0, 0.0, 10.0))) == 0.0, "not yet moving"
     assert amount("duration", drive) == judge(road, drive).duration
 
@@ -197,30 +199,31 @@ _CORNERS = ((1, 1), (1, -1), (-1, -1), (-1, 1))
 
 # Filters
 
-steady = st.lists(st.floats(-50.0, 50.0), min_size=21, max_size=80)
+# Values of a signal at its records.
+columns = st.lists(st.floats(-50.0, 50.0), min_size=21, max_size=80)
 
 
-@given(steady)
-def test_the_moving_average_is_that_of_scipy(values: list[float]) -> None:
+@given(columns)
+def test_the_moving_average_agrees_with_scipy(values: list[float]) -> None:
     column: FloatArray = np.array(values)
-    time = np.arange(len(column), dtype=np.float64) * RATE
+    time = np.arange(len(column), dtype=np.float64) * PERIOD
     whole = cumulative_trapezoid(column, time, initial=0)
-    expected = (whole[10:] - whole[:-10]) / (10 * RATE)
-    means = mean(time, column, 10 * RATE)
+    expected = (whole[10:] - whole[:-10]) / (10 * PERIOD)
+    means = mean(time, column, 10 * PERIOD)
     assert np.isnan(means[:10]).all()
     assert means[10:] == pytest.approx(expected, abs=1e-9)
     np.testing.assert_array_equal(mean(time, column, 0.0), column)
 
 
-@given(steady)
-def test_the_mean_of_a_derivative_is_the_difference_of_the_windows_ends(
+@given(columns)
+def test_the_mean_rate_is_the_difference_of_the_windows_ends(
     values: list[float],
 ) -> None:
     column: FloatArray = np.array(values)
-    time = np.arange(len(column), dtype=np.float64) * RATE
-    rates = rate(time, column, 10 * RATE)
+    time = np.arange(len(column), dtype=np.float64) * PERIOD
+    rates = rate(time, column, 10 * PERIOD)
     assert np.isnan(rates[:10]).all()
-    assert rates[10:] == pytest.approx((column[10:] - column[:-10]) / (10 * RATE), abs=1e-9)
+    assert rates[10:] == pytest.approx((column[10:] - column[:-10]) / (10 * PERIOD), abs=1e-9)
     np.testing.assert_array_equal(rate(time, column, 0.0), np.gradient(column, time))
 
 
@@ -233,22 +236,22 @@ def test_a_window_between_two_records_is_interpolated() -> None:
     ]  # fmt: skip
 
 
-# Profiles
+# Sets of criteria
 
 
-def test_limits_agree_with_the_published_ones() -> None:
+def test_limits_agree_with_published_values() -> None:
     limits = {criterion.signal: criterion for criterion in ISO.criteria}
-    # As opendbc has them: ISO_LATERAL_ACCEL, ISO_LATERAL_JERK and JERK_MEAS_T.
+    # The same values as in opendbc: ISO_LATERAL_ACCEL, ISO_LATERAL_JERK and JERK_MEAS_T.
     assert (limits["lateral_acceleration"].limit, limits["lateral_jerk"].limit) == (3.0, 5.0)
     assert limits["lateral_jerk"].window == 0.5
-    for profile in criteria_sets().values():
-        assert all(criterion.clause for criterion in profile.criteria), (
+    for criteria_set in criteria_sets().values():
+        assert all(criterion.clause for criterion in criteria_set.criteria), (
             "each limit cites its source"
         )
-        assert profile.left_out or not profile, "what was left out is said"
+        assert criteria_set.left_out or not criteria_set, "the set names the limits it leaves out"
 
 
-def test_criteria_from_a_file(tmp_path: Path) -> None:
+def test_criteria_are_read_from_a_file(tmp_path: Path) -> None:
     path = tmp_path / "ours.toml"
     path.write_text(
         'about = "ours"\nlateral_acceleration = 2.5\n'
@@ -263,11 +266,11 @@ def test_criteria_from_a_file(tmp_path: Path) -> None:
     assert read_criteria(f"{path},yaw_rate=20").criteria[2].limit == 20.0
     assert read_criteria(f"{path},lateral_jerk=3").criteria[1].window == 0.4
     assert read_criteria(json.loads(json.dumps(criteria.entry()))) == criteria, (
-        "as a run's file has it"
+        "a run's file restores the criteria"
     )
 
 
-def test_limits_in_options_replace_the_limits_of_a_profile() -> None:
+def test_limits_in_options_replace_the_limits_of_the_set() -> None:
     criteria = read_criteria("after-iso-11270,lateral_jerk=4,duration=60")
     limits = {criterion.signal: criterion for criterion in criteria.criteria}
     assert (limits["lateral_jerk"].limit, limits["lateral_jerk"].window) == (4.0, 0.5)
@@ -281,7 +284,7 @@ def test_limits_in_options_replace_the_limits_of_a_profile() -> None:
 
 
 @pytest.mark.parametrize(
-    ("text", "words"),
+    ("text", "message"),
     [
         ("iso", "there are no criteria 'iso': choose competition, after-iso-11270"),
         ("after-iso-11270,jerk=4", "there is no signal jerk: choose from edge_distance"),
@@ -289,14 +292,14 @@ def test_limits_in_options_replace_the_limits_of_a_profile() -> None:
         ("missing.toml", "missing.toml"),
     ],
 )
-def test_mistakes_are_named(text: str, words: str) -> None:
+def test_the_error_names_the_mistake(text: str, message: str) -> None:
     with pytest.raises(FreneticError) as error:
         read_criteria(text)
-    assert words in str(error.value)
+    assert message in str(error.value)
 
 
 @pytest.mark.parametrize(
-    ("text", "words"),
+    ("text", "message"),
     [
         ("lateral_jerk = {window = 1}", "lateral_jerk: Object missing required field `limit`"),
         (
@@ -309,17 +312,17 @@ def test_mistakes_are_named(text: str, words: str) -> None:
         ("about = 1", "about is 1"),
     ],
 )
-def test_mistakes_in_a_file_are_named(tmp_path: Path, text: str, words: str) -> None:
+def test_the_error_names_the_mistake_in_a_file(tmp_path: Path, text: str, message: str) -> None:
     path = tmp_path / "ours.toml"
     path.write_text(text)
-    with pytest.raises(FreneticError, match=words):
+    with pytest.raises(FreneticError, match=message):
         CriteriaSet.of(str(path))
 
 
 # Verdicts
 
 
-def test_a_breach_fails_a_drive_that_reached_the_end_and_is_reported() -> None:
+def test_an_exceeded_criterion_fails_a_drive_and_is_reported() -> None:
     road = Road(np.array([0.0] * 5 + [0.03] * 12))
     drive = along(road, 14.0)
     assert judge(road, drive).outcome is Outcome.PASS
@@ -337,7 +340,7 @@ def test_a_breach_fails_a_drive_that_reached_the_end_and_is_reported() -> None:
     assert (gentle.outcome, gentle.findings) == (Outcome.PASS, ())
 
 
-def test_leaving_the_lane_is_the_gravest() -> None:
+def test_leaving_the_lane_is_the_main_finding() -> None:
     road = Road(np.array([0.0, 0.0, 0.05, 0.06, 0.07, 0.0]))
     drive = EmbeddedSimulator().drive(road, Planner(aggression=1.6))
     result = judged(road, drive, ISO)
@@ -346,7 +349,7 @@ def test_leaving_the_lane_is_the_gravest() -> None:
     assert len(result.findings) > 1
     assert result.reason == judge(road, drive).reason
     assert list(result.findings) == sorted(result.findings, key=lambda finding: finding.time)
-    rows = drive.trajectory.to_rows()[: round(result.departure.time / RATE)]
+    rows = drive.trajectory.to_rows()[: round(result.departure.time / PERIOD)]
     fault = Fault("driver", "ValueError")
     broke = Drive(Trajectory.from_rows(rows), trouble=Trouble("it raised", fault=fault))
     faulty = judged(road, broke, ISO)
@@ -362,13 +365,13 @@ def test_a_drive_shorter_than_the_window_has_no_mean() -> None:
     assert names == list(SIGNALS)
 
 
-def test_values_that_are_no_numbers_are_no_verdict() -> None:
+def test_a_value_of_nan_is_an_error() -> None:
     road = Road(np.zeros(21))
     drive = along(road, 10.0)
     rows = drive.trajectory.to_rows()
     rows[40, 4] = np.nan
     broken = replace(drive, trajectory=Trajectory.from_rows(rows))
-    assert judge(road, broken).outcome is Outcome.PASS, "the lane needs places alone"
+    assert judge(road, broken).outcome is Outcome.PASS, "leaving the lane depends on positions only"
     assert judged(road, broken, ISO).outcome is Outcome.ERROR
 
 
@@ -379,15 +382,15 @@ def test_each_verdict_agrees_with_the_measured_margins() -> None:
         for _ in range(6):
             road = roads.ask().road(4.0)
             drive = simulator.drive(road, driver)
-            for profile in criteria_sets().values():
-                result = judged(road, drive, profile)
+            for criteria_set in criteria_sets().values():
+                result = judged(road, drive, criteria_set)
                 shares = [
                     measurement.margin
-                    for measurement in measure_criteria(road, drive, profile.criteria)
+                    for measurement in measure_criteria(road, drive, criteria_set.criteria)
                 ]
-                broke = sum(margin < 0.0 for margin in shares)
-                assert broke == sum(finding.criterion != "lane" for finding in result.findings)
-                if not broke and not result.departure:
+                breaches = sum(margin < 0.0 for margin in shares)
+                assert breaches == sum(finding.criterion != "lane" for finding in result.findings)
+                if not breaches and not result.departure:
                     assert result.outcome is judge(road, drive).outcome
                 outcomes.add(result.outcome)
     assert outcomes == {Outcome.PASS, Outcome.FAIL}
@@ -421,18 +424,18 @@ def test_a_package_adds_signals_and_criteria_sets(monkeypatch: pytest.MonkeyPatc
     monkeypatch.setattr("frenetic.criteria.criterion.installed", lambda _: entries)
     road = Road(np.zeros(21))
     drive = along(road, 15.0)
-    profile = read_criteria("slow,top_speed=12")
-    assert profile.name == "slow"
-    result = judged(road, drive, profile)
+    criteria = read_criteria("slow,top_speed=12")
+    assert criteria.name == "slow"
+    result = judged(road, drive, criteria)
     assert result.reason == "Top speed 15.00 m/s at 0 m (at most 12 m/s)"
-    document = json.loads(json.dumps(profile.as_json()))
-    assert convert(document, CriteriaSet) == profile, "as a campaign records it"
+    document = json.loads(json.dumps(criteria.as_json()))
+    assert convert(document, CriteriaSet) == criteria, "a campaign's record restores the criteria"
     broken = judged(road, drive, read_criteria("slow,no_series=1"))
     assert broken.outcome is Outcome.ERROR
     assert "one value a record is needed" in broken.reason
 
 
-def test_less_time_than_the_criteria_ask_for_is_said(tmp_path: Path) -> None:
+def test_a_campaign_warns_of_less_time_than_its_criteria_ask_for(tmp_path: Path) -> None:
     rules = Rules(criteria=criteria_sets()["after-un-r157"])
     for simulations, is_said in ((1, True), (20, False)):
         campaign = Campaign(

@@ -1,4 +1,4 @@
-"""The model of BeamNG.AI."""
+"""`BeamngAi`, the model of BeamNG.AI."""
 
 from __future__ import annotations
 
@@ -25,10 +25,11 @@ BEND = Road(np.array([0, 0, 0, 2, 5, 5, 5, 2, 0, 0, 0]) / 100)
 
 
 class InPython(BeamngAi):
-    """The same driver, called from Python."""
+    """`BeamngAi`, called from Python."""
 
 
 def drive(road: Road, driver: BeamngAi, limit: float = 70.0) -> Drive:
+    """Return a drive in the car of BeamNG.AI, at a limit in km/h."""
     rules = Rules(speed_limit=limit, oob_tolerance=1.0)
     return EmbeddedSimulator(rules=rules, vehicle="etk800").drive(road, driver)
 
@@ -69,7 +70,7 @@ def test_a_campaign_records_the_car_that_it_brings(tmp_path: Path) -> None:
         assert store.config["simulator"]["options"]["vehicle"]["mass"] == 1500.0  # type: ignore[index, call-overload]
 
 
-def test_in_a_process_of_its_own_it_has_its_car() -> None:
+def test_it_has_its_car_in_another_process() -> None:
     drives = []
     for simulator in ("embedded", "embedded,vehicle=etk800"):
         tester = RoadTester.of(Spec(driver="beamng-ai", simulator=simulator))
@@ -88,7 +89,7 @@ def test_a_twin_of_it_begins_with_its_car() -> None:
     assert chosen.make({}, Rules())[1].vehicle == Vehicle()
 
 
-def test_it_drives_alike_compiled_and_from_python() -> None:
+def test_it_drives_alike_compiled_and_in_python() -> None:
     assert compiled_form(BeamngAi(), 0.05) is not None
     np.testing.assert_array_equal(
         drive(BEND, BeamngAi()).trajectory.to_rows(), drive(BEND, InPython()).trajectory.to_rows()
@@ -103,7 +104,7 @@ def test_it_cuts_corners_and_stays_in_the_middle_of_a_straight_road() -> None:
     assert inside > near + 0.1 > 0.1, "the inside of a left bend is on the left"
 
 
-def test_its_plan_stays_clear_of_the_edges_of_its_lane() -> None:
+def test_the_clearance_of_its_plan_changes_its_path() -> None:
     middle = drive(BEND, BeamngAi(clearance=2.0)).trajectory.to_rows()
     stiff = drive(BEND, BeamngAi(band_strength=0.0, forgiveness=0.0)).trajectory.to_rows()
     np.testing.assert_array_equal(middle, stiff)

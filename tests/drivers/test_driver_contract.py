@@ -1,3 +1,5 @@
+"""The contracts of drivers: our drivers pass, and each fault fails its test."""
+
 from __future__ import annotations
 
 import math
@@ -46,11 +48,11 @@ class TestWrappers(DriverContract):
         return Delayed(Noisy(LimitedView(Stanley())), seconds=0.1)
 
 
-class Own:
-    """A driver that steers as Stanley does, and goes wrong in one way."""
+class FaultyStanley:
+    """Stanley with one fault: other values of its controls, no controls, or a memory of drives."""
 
-    def __init__(self, **wrong: Any) -> None:
-        self.stanley, self.wrong, self.drives = Stanley(), wrong, 0
+    def __init__(self, **changes: Any) -> None:
+        self.stanley, self.changes, self.drives = Stanley(), changes, 0
 
     def reset(self, setup: DriveSetup) -> None:
         self.drives += 1
@@ -58,13 +60,13 @@ class Own:
 
     def act(self, observation: Observation) -> Any:
         controls = self.stanley.act(observation)
-        if self.wrong.get("forgets_nothing"):
+        if self.changes.get("forgets_nothing"):
             return replace(controls, steering=controls.steering + 1e-3 * self.drives)
-        return replace(controls, **self.wrong) if self.wrong else None
+        return replace(controls, **self.changes) if self.changes else None
 
 
-class Eager(Own):
-    """A correct driver: what its pedals ask for beyond 0 to 1 is cut."""
+class Eager(FaultyStanley):
+    """A correct driver whose pedals go beyond 0 to 1, where they are cut."""
 
     def act(self, observation: Observation) -> Controls:
         controls = self.stanley.act(observation)
@@ -81,14 +83,30 @@ class TestEager(DriverContract):
     ("driver", "test", "message"),
     [
         (object(), "is_a_driver", "it needs the methods reset and act"),
-        (Own(throttle=0.0), "keeps_a_straight_lane", "Car moved less than 1 m in 10 s at 0 m"),
-        (Own(steering=math.nan), "keeps_a_straight_lane", "steering = nan, not a finite number"),
-        (Own(forgets_nothing=True), "behaves_the_same_after_reset", "reset has to forget all"),
-        (Own(), "controls_are_numbers", "the driver returned NoneType instead of"),
-        (Own(brake="much"), "controls_are_numbers", "brake = 'much', not a finite number"),
+        (
+            FaultyStanley(throttle=0.0),
+            "keeps_a_straight_lane",
+            "Car moved less than 1 m in 10 s at 0 m",
+        ),
+        (
+            FaultyStanley(steering=math.nan),
+            "keeps_a_straight_lane",
+            "steering = nan, not a finite number",
+        ),
+        (
+            FaultyStanley(forgets_nothing=True),
+            "behaves_the_same_after_reset",
+            "reset has to forget all",
+        ),
+        (FaultyStanley(), "controls_are_numbers", "the driver returned NoneType instead of"),
+        (
+            FaultyStanley(brake="much"),
+            "controls_are_numbers",
+            "brake = 'much', not a finite number",
+        ),
     ],
 )
-def test_the_contract_says_what_is_wrong(driver: Any, test: str, message: str) -> None:
+def test_a_failing_contract_names_the_fault(driver: Any, test: str, message: str) -> None:
     class Contract(DriverContract):
         def make(self) -> Driver:
             instance: Driver = driver
@@ -102,13 +120,13 @@ def test_the_contract_says_what_is_wrong(driver: Any, test: str, message: str) -
 @pytest.mark.parametrize(
     ("driver", "message"),
     [
-        (Own(steering=-0.1), "left-hand circle: 3.42 m right of its lane"),
-        (Own(steering=-0.1), "wheels point 0.100 rad to the right"),
-        (Own(throttle=0.0, brake=1.0), "left-hand circle: it ends after 0 of 170 m"),
-        (Own(), "the driver returned NoneType instead of"),
+        (FaultyStanley(steering=-0.1), "left-hand circle: 3.42 m right of its lane"),
+        (FaultyStanley(steering=-0.1), "wheels point 0.100 rad to the right"),
+        (FaultyStanley(throttle=0.0, brake=1.0), "left-hand circle: it ends after 0 of 170 m"),
+        (FaultyStanley(), "the driver returned NoneType instead of"),
     ],
 )
-def test_the_trackers_contract_says_what_is_wrong(driver: Driver, message: str) -> None:
+def test_a_failing_tracker_contract_names_the_fault(driver: Driver, message: str) -> None:
     class Contract(TrackerContract):
         def make(self) -> Driver:
             return driver

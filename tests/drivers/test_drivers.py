@@ -1,3 +1,5 @@
+"""Built-in drivers: laws, speed plan, wrappers, compiled forms and controls."""
+
 from __future__ import annotations
 
 import itertools
@@ -45,12 +47,12 @@ SETUP = DriveSetup(
     max_acceleration=4.5,
     max_deceleration=9.0,
 )
-WHEELBASE = 2.6
+WHEELBASE = 2.6  # m
 BUILT_IN: list[Callable[..., Planner | Stanley]] = [Planner, Stanley]
 
 
 def arc(kappa: float, start: float = 0.0, n: int = AHEAD_POINTS) -> FloatArray:
-    """Points every 2 m of a circle that starts at x = ``start`` along +x."""
+    """Return points every 2 m of a circle that starts at x = ``start`` along +x."""
     s = AHEAD_SPACING * np.arange(n)
     if kappa == 0.0:
         return np.column_stack([start + s, np.zeros(n)])
@@ -58,7 +60,7 @@ def arc(kappa: float, start: float = 0.0, n: int = AHEAD_POINTS) -> FloatArray:
 
 
 def observation(**changes: Any) -> Observation:
-    """A car at 10 m/s in the middle of a straight lane, but for the changes."""
+    """Return what a car sees at 10 m/s in the middle of a straight lane, with changes."""
     return replace(
         Observation(
             time=0.0,
@@ -75,6 +77,7 @@ def observation(**changes: Any) -> Observation:
 
 
 def random_observation(seed: int) -> Observation:
+    """Return what a car sees anywhere on a random road."""
     rng = np.random.default_rng(seed)
     kappa = np.convolve(rng.normal(0.0, 0.05, AHEAD_POINTS + 4), np.ones(5) / 5.0, "valid")
     heading = rng.normal(0.0, 0.1) + np.cumsum(AHEAD_SPACING * kappa)
@@ -91,7 +94,7 @@ def random_observation(seed: int) -> Observation:
 
 
 def controls_of(driver: Driver, *observations: Observation) -> Controls:
-    """The driver's last controls of a drive with these observations."""
+    """Return the driver's last controls in a drive with these observations."""
     driver.reset(SETUP)
     answers = [driver.act(observation) for observation in observations]
     return answers[-1]
@@ -110,6 +113,7 @@ def test_laws_are_compiled_once_for_all_kinds_of_arrays() -> None:
 
 
 def speed_wanted(curvature_ahead: FloatArray, driver: Planner | Stanley) -> float:
+    """Return the speed that a driver plans for these curvatures, in m/s."""
     lateral, braking, _, smoothing = driver.parameters()[:4]
     limits = np.full(len(curvature_ahead), SETUP.speed_limit)
     wanted: float = laws.planned_speed(
@@ -119,7 +123,7 @@ def speed_wanted(curvature_ahead: FloatArray, driver: Planner | Stanley) -> floa
 
 
 class Recorder:
-    """Remembers what it saw and answers with its number of calls."""
+    """A driver that records its observations and answers with its number of calls."""
 
     def __init__(self) -> None:
         self.observations: list[Observation] = []
@@ -140,7 +144,9 @@ class Recorder:
 
 @given(seed=st.integers(0, 2**32 - 1), make=st.sampled_from(BUILT_IN))
 @settings(max_examples=80)
-def test_a_mirrored_world_is_steered_mirrored(seed: int, make: Callable[..., Driver]) -> None:
+def test_a_mirrored_observation_gives_mirrored_steering(
+    seed: int, make: Callable[..., Driver]
+) -> None:
     view = random_observation(seed)
     mirrored = replace(
         view,
@@ -173,7 +179,7 @@ def test_controls_are_within_bounds_and_never_both_pedals(
 @pytest.mark.parametrize("kappa", [0.05, -0.05, 0.01, 0.15])
 @pytest.mark.parametrize("row", [1, 3, 6])
 def test_pure_pursuit_takes_the_arc_through_the_lookahead_point(kappa: float, row: int) -> None:
-    """The rear axle on a circle: the front wheels take the angle that holds it there."""
+    """With the rear axle on a circle, the wheels take the angle that keeps the axle there."""
     driver = Planner(lookahead_time=0.0, lookahead_min=AHEAD_SPACING * row)
     # Measured from the rear axle the circle starts there; row 0 is abreast of the centre of mass.
     view = observation(ahead=arc(kappa, start=-SETUP.rear_axle))
@@ -181,7 +187,7 @@ def test_pure_pursuit_takes_the_arc_through_the_lookahead_point(kappa: float, ro
     assert steering == pytest.approx(math.atan(WHEELBASE * kappa), abs=1e-12)
 
 
-def test_pure_pursuit_goes_for_a_point_between_two_of_the_view() -> None:
+def test_pure_pursuit_interpolates_the_lookahead_point() -> None:
     driver = Planner(lookahead_time=0.1, lookahead_min=4.0)  # at 10 m/s 5 m
     ahead = arc(0.0)
     ahead[2] = [4.0, 1.0]
@@ -191,7 +197,7 @@ def test_pure_pursuit_goes_for_a_point_between_two_of_the_view() -> None:
     assert controls_of(driver, observation(ahead=ahead)).steering == pytest.approx(expected)
 
 
-def test_stanleys_law_term_by_term() -> None:
+def test_each_term_of_stanleys_law_is_exact() -> None:
     driver = Stanley(offset_gain=2.0, softening=1.0, yaw_damping=0.1)
     offset = -math.atan(2.0 * 0.3 / (1.0 + 10.0))
     assert controls_of(driver, observation(lateral_offset=0.3)).steering == pytest.approx(offset)
@@ -214,10 +220,10 @@ def test_stanleys_law_term_by_term() -> None:
     n=st.integers(2, AHEAD_POINTS),
 )
 @settings(max_examples=80)
-def test_the_plan_keeps_every_budget_and_gives_nothing_away(
+def test_the_planned_speed_is_the_largest_that_keeps_every_budget(
     seed: int, make: Callable[..., Planner], aggression: float, smoothing: float, n: int
 ) -> None:
-    """The largest speed that, braking steadily from here on, keeps every budget."""
+    """The plan is the largest speed that keeps every budget if the car brakes steadily."""
     driver = make(aggression=aggression, smoothing=smoothing)
     rng = np.random.default_rng(seed)
     curvature = rng.normal(0.0, 0.04, n)
@@ -263,7 +269,7 @@ def test_bad_parameters_are_refused_by_name(make: Callable[..., Planner]) -> Non
 
 @given(seed=st.integers(0, 2**32 - 1), make=st.sampled_from(BUILT_IN))
 @settings(max_examples=40)
-def test_a_driver_that_only_steers_gets_the_built_in_speed_and_pedals(
+def test_a_speed_plan_adds_built_in_pedals_to_any_steering(
     seed: int, make: Callable[..., Planner]
 ) -> None:
     driver, view = make(aggression=0.7), random_observation(seed)
@@ -288,7 +294,7 @@ def errors_seen(driver: Noisy, recorder: Recorder, n: int) -> FloatArray:
     )
 
 
-def test_noise_is_the_same_in_every_drive_and_another_for_another_seed() -> None:
+def test_noise_depends_on_the_seed_only() -> None:
     recorder = Recorder()
     driver = Noisy(recorder, seed=3)
     first = errors_seen(driver, recorder, 600)
@@ -325,8 +331,8 @@ def test_the_first_error_of_a_drive_is_no_larger_than_the_others() -> None:
     assert first.std() == pytest.approx(1.0, rel=0.1)
 
 
-def test_the_view_ahead_errs_as_the_place_does() -> None:
-    """Seen from where the car believes to be, every point lies where it really is."""
+def test_noise_moves_the_view_with_the_place() -> None:
+    """Seen from the believed place of the car, every point of the view is at its true place."""
     recorder = Recorder()
     driver = Noisy(recorder, offset=0.5, heading=0.1, seed=2)
     driver.reset(SETUP)
@@ -356,7 +362,7 @@ def test_the_view_ahead_errs_as_the_place_does() -> None:
 def test_delayed_controls_arrive_whole_periods_later(seconds: float, periods: int) -> None:
     recorder = Recorder()
     driver = Delayed(recorder, seconds=seconds)
-    for _ in range(2):  # what was on its way in one drive does not arrive in the next
+    for _ in range(2):  # delayed controls of a drive do not reach the next drive
         driver.reset(SETUP)
         arrived = [driver.act(observation()) for _ in range(40)]
         fresh = [Controls(0.01 * n, n / 1000.0, n / 2000.0) for n in range(1, 41)]
@@ -427,7 +433,7 @@ def test_bad_amounts_are_refused_by_name(
     assert str(caught.value) == message
 
 
-# --- What may be compiled ------------------------------------------------------------------------
+# --- Compiled forms -----------------------------------------------------------------------------
 
 
 class MyPlanner(Planner):
@@ -464,14 +470,14 @@ def test_one_wrapper_of_each_kind_is_compiled_in() -> None:
     ],
     ids=lambda driver: type(driver).__name__,
 )
-def test_anything_else_is_called_from_python(driver: Driver) -> None:
+def test_any_other_driver_is_called_from_python(driver: Driver) -> None:
     assert compiled_form(driver, 0.05) is None
 
 
 # --- Controls ------------------------------------------------------------------------------------
 
 
-def test_pedals_are_cut_and_steering_is_not() -> None:
+def test_only_pedals_are_cut_to_their_range() -> None:
     assert checked_controls(Controls(5.0, 1.5, -0.5)) == (5.0, 1.0, 0.0)
     assert checked_controls(Controls(-0.2, 0.3, 0.4)) == (-0.2, 0.3, 0.4)
     assert checked_controls(Controls(np.float32(0.5), 1, True)) == (0.5, 1.0, 1.0)  # type: ignore[arg-type]

@@ -1,4 +1,4 @@
-"""`Observation.lane`, from drives of the embedded simulator."""
+"""`Observation.lane`, in drives of the embedded simulator."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ FloatArray = npt.NDArray[np.float64]
 WINDING = Road([0.0, 0.01, 0.03, 0.0, -0.04, -0.02, 0.0, 0.03, 0.0], pose=(40.0, 60.0, 0.7))
 
 
-class Keeping:
-    """Stanley, which keeps what it saw."""
+class Recorder:
+    """Stanley, which records its observations."""
 
     def __init__(self) -> None:
         self.stanley = Stanley()
@@ -37,7 +37,7 @@ class Keeping:
 def observations_on(
     road: Road, wrapper: Callable[[Driver], Driver] = lambda driver: driver
 ) -> list[Observation]:
-    driver = Keeping()
+    driver = Recorder()
     simulator = EmbeddedSimulator(start_offset=0.4, start_heading=-0.1)
     assert simulator.drive(road, wrapper(driver)).trouble is None
     assert len(driver.observations) > 100
@@ -45,7 +45,7 @@ def observations_on(
 
 
 def on_the_map(lane: Lane, road: Road, observation: Observation) -> FloatArray:
-    """Points of a lane in the map's frame, by the car's place on the road."""
+    """Return the points of a lane on the map, from the car's place on the road."""
     pose = road.pose_at(observation.distance)
     heading = pose.heading + observation.heading_error
     left = observation.lateral_offset - 0.5 * road.lane_width
@@ -56,6 +56,7 @@ def on_the_map(lane: Lane, road: Road, observation: Observation) -> FloatArray:
 
 
 def centre_of_lane(road: Road, distances: FloatArray) -> FloatArray:
+    """Return points on the centre of the ego lane, at distances along the road."""
     half = 0.5 * road.lane_width
     poses = [road.pose_at(s) for s in distances]
     return np.array(
@@ -74,7 +75,7 @@ def test_a_lane_equals_the_view_ahead_at_its_spacing() -> None:
 
 
 @pytest.mark.parametrize(("spacing", "ahead", "behind"), [(0.5, 200.0, 30.0), (0.1, 0.3, 0.7)])
-def test_a_lane_lies_on_the_road_at_any_spacing_also_behind_and_beyond_both_ends(
+def test_a_lane_lies_on_the_road_at_any_spacing_and_beyond_the_ends(
     spacing: float, ahead: float, behind: float
 ) -> None:
     for observation in observations_on(WINDING):
@@ -108,7 +109,7 @@ def test_headings_and_curvatures_follow_from_the_points() -> None:
         np.testing.assert_allclose(turns, curvatures, rtol=0.0, atol=1e-4)
 
 
-def test_noise_moves_the_lane_as_the_view_ahead() -> None:
+def test_noise_moves_lane_and_view_alike() -> None:
     plain = observations_on(WINDING)
     for observation in observations_on(
         WINDING, lambda driver: Noisy(driver, offset=0.5, heading=0.05)
@@ -141,7 +142,7 @@ def test_a_limited_view_ends_the_lane(distance: float, end: float) -> None:
         assert len(observation.ahead) <= 40
 
 
-def test_an_old_observation_gives_the_lane_of_its_time() -> None:
+def test_an_old_observation_keeps_its_lane() -> None:
     first, *others = observations_on(WINDING)
     before = first.lane().points.copy()
     for other in others:

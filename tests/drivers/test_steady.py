@@ -1,4 +1,4 @@
-"""README's driver with a speed of its own, see benchmarks/steady.py."""
+"""The driver of benchmarks/steady.py: the one of README with a chosen speed."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from frenetic.parts.registry import DRIVERS
 SPEC = f"{Path(__file__).parents[2] / 'benchmarks' / 'steady.py'}:Steady"
 
 
-def test_it_keeps_its_speed_and_its_lane_on_a_gentle_road() -> None:
+def test_it_keeps_its_speed_and_lane_on_a_gentle_road() -> None:
     road = Road(np.array([0.0, 0.0, 0.005, 0.01, 0.005, 0.0, 0.0] * 2), step=10.0).fitted()
     assert road is not None
     for speed in (30.0, 48.0):

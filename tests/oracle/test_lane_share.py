@@ -1,3 +1,5 @@
+"""The share of a car outside its lane, against polygons of shapely."""
+
 from __future__ import annotations
 
 import math
@@ -13,19 +15,20 @@ from frenetic.search.operators import random_curvatures
 
 FloatArray = npt.NDArray[np.float64]
 Box = tuple[float, float, float]
-"""m: length, width, how far the centre lies ahead of the centre of mass."""
+"""Length, width, and distance of the centre ahead of the centre of mass, in m."""
 
 CAR: Box = (4.508, 1.610, -0.1333)
 
 
 def random_road(rng: np.random.Generator) -> Road:
-    """A road of the random phase in any pose."""
+    """Return a random road in a random pose."""
     x, y, heading = rng.uniform(-200.0, 200.0, 3)
     values = random_curvatures(rng, int(rng.integers(10, 26)))
     return Road(values, pose=(x, y, heading / 30.0), lane_width=float(rng.choice([3.0, 4.0])))
 
 
 def place(road: Road, s: float, d: float) -> tuple[float, float]:
+    """Return x and y of a point s m along a road and d m to its left."""
     x, y, heading = road.pose_at(s)
     return x - d * math.sin(heading), y + d * math.cos(heading)
 
@@ -39,7 +42,7 @@ def share(
     lane: tuple[float, float] | None = None,
     least: float = 0.0,
 ) -> float:
-    """The share of a car at (s, d), turned by ``error`` rad from the road, outside the ego lane."""
+    """Return the share outside the lane of a car at (s, d), turned by ``error`` rad."""
     left, right = lane or (0.0, -road.lane_width)
     x, y = place(road, s, d)
     heading = road.pose_at(s).heading
@@ -57,7 +60,7 @@ def reference(
     box: Box = CAR,
     lane: tuple[float, float] | None = None,
 ) -> float:
-    """The same with general polygons, the lane's edges sampled every 5 cm around the car."""
+    """Return the share by polygons of shapely, with the lane's edges sampled every 5 cm."""
     length, width, ahead = box
     heading = road.pose_at(s).heading + error
     forward = np.array([math.cos(heading), math.sin(heading)])
@@ -74,7 +77,7 @@ def reference(
     return float(car.difference(lane_there).area / car.area)
 
 
-# The share of a car anywhere around roads, beyond their ends, too: at the edges, and all over.
+# Range of the lateral offset in m, largest turn in rad: near either edge of the lane, and anywhere.
 POSES = [(-1.4, 1.4, 0.15), (-3.5, -0.8, 0.6), (0.8, 3.5, 0.6), (-7.0, 5.0, math.pi)]
 
 
@@ -107,22 +110,22 @@ def test_share_agrees_in_the_tightest_curves_for_any_box(
 
 @pytest.mark.parametrize("least", [0.5, 0.8, 0.95, 1.0])
 @pytest.mark.parametrize("box", [CAR, (12.0, 2.5, 3.0), (2.0, 2.0, -0.5)])
-def test_only_shares_below_the_least_one_may_be_0(least: float, box: Box) -> None:
+def test_only_shares_below_the_least_share_may_be_returned_as_0(least: float, box: Box) -> None:
     rng = np.random.default_rng(1)
-    spared = 0
+    skipped = 0
     for _ in range(40):
         road = random_road(rng)
         for s in rng.uniform(-6.0, road.length + 6.0, 40):
-            where = s, rng.uniform(-6.0, 2.0), rng.uniform(-math.pi, math.pi)
-            whole, bounded = share(road, *where, box), share(road, *where, box, least=least)
+            pose = s, rng.uniform(-6.0, 2.0), rng.uniform(-math.pi, math.pi)
+            whole, bounded = share(road, *pose, box), share(road, *pose, box, least=least)
             assert bounded == whole or (bounded == 0.0 and whole < least)
-            spared += bounded != whole
-    assert spared > 100 or least == 0.5 or box[2] == 3.0
+            skipped += bounded != whole
+    assert skipped > 100 or least == 0.5 or box[2] == 3.0
 
 
 @pytest.mark.parametrize("backwards", [False, True])
 def test_on_a_straight_road_the_share_is_linear_in_the_offset(backwards: bool) -> None:
-    road = Road(np.zeros(10), pose=Pose(9e3, -1e4, -7.0))  # far away no digits are lost
+    road = Road(np.zeros(10), pose=Pose(9e3, -1e4, -7.0))  # a far road loses no digits
     _, width, _ = CAR
     for offset in np.linspace(-6.0, 6.0, 49).tolist():
         outside = (abs(offset) + 0.5 * width - 2.0) / width
@@ -131,7 +134,7 @@ def test_on_a_straight_road_the_share_is_linear_in_the_offset(backwards: bool) -
 
 
 def test_the_lane_of_another_leg_does_not_count() -> None:
-    """A hairpin whose legs are 9 m apart: on the leg back, the ego lane is the far one."""
+    """The legs of a hairpin are 9 m apart; the ego lane of the leg back is the farther lane."""
     turn = np.concatenate([[0.0], np.full(8, math.pi / 8.0), [0.0]])
     step = 9.0 / -float(Road(turn, 1.0).points[-1, 0])
     straight = np.zeros(math.ceil(60.0 / step))
@@ -139,6 +142,6 @@ def test_the_lane_of_another_leg_does_not_count() -> None:
     for x in (-11.0, -7.0):
         s_back, d_back = road.length - 20.0, x + 9.0
         assert place(road, s_back, d_back) == pytest.approx((x, 20.0), abs=1e-6)
-        # Seen from the leg that the car drives on, it is outside; from the one back, perhaps not.
+        # The car is outside the lane of its leg; it may be inside the lane of the leg back.
         assert share(road, 20.0, -x, 0.0) == 1.0
         assert share(road, s_back, d_back, 0.0) == (0.0 if x == -11.0 else 1.0)

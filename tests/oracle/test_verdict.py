@@ -1,3 +1,5 @@
+"""How drives end: passes, failures and errors, and the oob distance."""
+
 from __future__ import annotations
 
 import math
@@ -29,7 +31,7 @@ from frenetic.road import Pose, Road
 FloatArray = npt.NDArray[np.float64]
 
 STRAIGHT = Road(np.zeros(11))
-"""100 m."""
+"""A straight road of 100 m."""
 LEFT_TURN = Road(np.full(11, 0.03))
 RIGHT_TURN = Road(np.full(11, -0.03))
 WIDTH = CarBody().width
@@ -41,7 +43,7 @@ def trajectory(
     offsets: npt.ArrayLike = 0.0,
     period: float = 0.05,
 ) -> Trajectory:
-    """A car along the road: m along it, m to the left of the ego lane's centre line, aligned."""
+    """Return the path of a car at m along the road and m left of the ego lane's centre, aligned."""
     s, offset = np.broadcast_arrays(
         np.asarray(distances, dtype=np.float64), np.asarray(offsets, dtype=np.float64)
     )
@@ -64,7 +66,7 @@ def trajectory(
 
 
 def steady(road: Road, speed: float = 10.0, period: float = 0.05) -> FloatArray:
-    """Distances of a car that drives at constant speed from the road's start to its end."""
+    """Return distances of a car that drives at constant speed from the road's start to its end."""
     return np.arange(0.0, road.length + 1e-9, speed * period)
 
 
@@ -76,32 +78,33 @@ def judged(
     period: float = 0.05,
     car: CarBody | None = None,
 ) -> Result:
+    """Return the verdict on a car at these distances and offsets."""
     path = trajectory(road, distances, offsets, period)
     return judge(road, Drive(path, car or CarBody(), rules or Rules()))
 
 
 def outside(offset: float, width: float = WIDTH, lane_width: float = 4.0) -> float:
-    """Closed form of the oob share of an aligned car on a straight road."""
+    """Return the oob share of an aligned car on a straight road, in closed form."""
     return min(max((abs(offset) + 0.5 * width - 0.5 * lane_width) / width, 0.0), 1.0)
 
 
 # --- PASS ----------------------------------------------------------------------------------------
 
 
-def plain(
+def expected_end(
     distances: FloatArray, offsets: FloatArray, period: float, rules: Rules, road: Road
 ) -> tuple[int, int]:
-    """How a drive along a straight road ends and at which record, by the rules as they read."""
+    """Return how and at which record a drive on a straight road ends, by the text of the rules."""
     for i, (s, offset) in enumerate(zip(distances, offsets, strict=True)):
         time = i * period
-        ago = [j for j in range(i + 1) if time - j * period >= rules.stuck_time - 1e-9]
+        long_ago = [j for j in range(i + 1) if time - j * period >= rules.stuck_time - 1e-9]
         if outside(offset, lane_width=road.lane_width) > rules.oob_tolerance:
             return LEFT_LANE, i
         if math.hypot(road.length - s, offset - 0.5 * road.lane_width) <= rules.goal_distance or (
             s >= road.length - 1e-9 and abs(offset) <= 0.5 * road.lane_width
         ):
             return REACHED, i
-        if ago and math.hypot(s - distances[ago[-1]], offset - offsets[ago[-1]]) < (
+        if long_ago and math.hypot(s - distances[long_ago[-1]], offset - offsets[long_ago[-1]]) < (
             rules.stuck_distance
         ):
             return STUCK, i
@@ -110,7 +113,7 @@ def plain(
     return RUNNING, len(distances) - 1
 
 
-WORDS = {
+REASONS = {
     REACHED: (Outcome.PASS, "Car reached the end of the road"),
     LEFT_LANE: (Outcome.FAIL, "Car drove out of the lane to the "),
     STUCK: (Outcome.FAIL, "Car moved less than "),
@@ -143,7 +146,7 @@ WORDS = {
     length=st.sampled_from([30.0, 60.0]),
 )
 @settings(max_examples=300)
-def test_drives_end_by_the_rules_as_they_read(
+def test_drives_end_by_the_text_of_the_rules(
     legs: list[tuple[float, float, float]],
     period: float,
     rules: Rules,
@@ -154,15 +157,15 @@ def test_drives_end_by_the_rules_as_they_read(
     steps = [[(v * period, side * period)] * round(s / period) for s, v, side in legs]
     distances, offsets = np.cumsum(np.concatenate([[(0.0, 0.0)], *steps]), axis=0).T
     path = trajectory(road, distances, offsets, period)
-    end, last = plain(distances, offsets, period, rules, road)
+    end, last = expected_end(distances, offsets, period, rules, road)
     assessment, result = (
         assess(road, Drive(path, rules=rules)),
         judge(road, Drive(path, rules=rules)),
     )
     assert (assessment.end, len(assessment.distance)) == (end, last + 1)
-    outcome, words = WORDS[end]
+    outcome, reason = REASONS[end]
     assert result.outcome is outcome
-    assert result.reason.startswith(words)
+    assert result.reason.startswith(reason)
     assert result.duration == path.time[last]
     np.testing.assert_allclose(assessment.distance, distances[: last + 1], rtol=0, atol=1e-6)
     np.testing.assert_allclose(assessment.lateral_offset, offsets[: last + 1], rtol=0, atol=1e-6)
@@ -192,7 +195,7 @@ def test_a_drive_that_stops_just_before_the_goal_has_not_passed() -> None:
 
 
 @pytest.mark.parametrize(("lane_width", "goal"), [(16.0, 8.0), (40.0, 8.0), (4.0, 1.0)])
-def test_the_roads_end_is_reached_however_far_from_its_last_point(
+def test_reaching_the_end_does_not_depend_on_lane_width_or_goal_distance(
     lane_width: float, goal: float
 ) -> None:
     road = Road(np.zeros(11), lane_width=lane_width)
@@ -201,10 +204,11 @@ def test_the_roads_end_is_reached_however_far_from_its_last_point(
     assert result.moobd == pytest.approx(lane_width / 2.0)
     elsewhere = Rules(oob_tolerance=1.0, goal_distance=0.1)
     beside = judged(road, steady(road), 0.5 * lane_width + 1.0, elsewhere)
-    assert beside.outcome is Outcome.ERROR  # in the other lane, and nothing but time ends it
+    # In the other lane, only the time limit ends the drive.
+    assert beside.outcome is Outcome.ERROR
 
 
-def test_passing_by_the_roads_end_early_on_is_no_pass() -> None:
+def test_a_car_near_the_roads_end_at_the_start_has_not_passed() -> None:
     """A circle ends where it starts."""
     circle = Road(np.full(13, 2.0 * math.pi / 120.0))
     path = trajectory(circle, steady(circle))
@@ -232,13 +236,13 @@ def test_a_share_equal_to_the_tolerance_is_tolerated(offset: float, left: bool) 
 
     assert verdict(share).outcome is Outcome.PASS
     assert verdict(share).max_oob_share == share
-    less = verdict(float(np.nextafter(shares[shares > 0.0].min(), 0.0)))
-    assert less.outcome is Outcome.FAIL
-    assert less.departure is not None
-    assert less.departure.distance == pytest.approx(50.5)
+    stricter = verdict(float(np.nextafter(shares[shares > 0.0].min(), 0.0)))
+    assert stricter.outcome is Outcome.FAIL
+    assert stricter.departure is not None
+    assert stricter.departure.distance == pytest.approx(50.5)
 
 
-def test_the_car_counts_as_it_is_long_and_wide() -> None:
+def test_the_share_follows_the_width_of_the_car() -> None:
     distances = steady(STRAIGHT)
     narrow, wide = CarBody(4.5, 1.0), CarBody(4.5, 3.0)
     rules = Rules(oob_tolerance=0.3)
@@ -250,7 +254,7 @@ def test_the_car_counts_as_it_is_long_and_wide() -> None:
         assert result.departure.time == pytest.approx(0.05 * int(np.argmax(shares > 0.3)))
 
 
-def test_a_car_that_stands_across_is_out_with_its_bumpers() -> None:
+def test_a_car_across_its_lane_is_outside_with_its_bumpers() -> None:
     path = trajectory(STRAIGHT, [0.0, 0.5, 1.0])
     across = replace(path, heading=path.heading + np.array([0.0, 0.0, 0.5 * math.pi]))
     assessment = assess(STRAIGHT, Drive(across))
@@ -259,7 +263,7 @@ def test_a_car_that_stands_across_is_out_with_its_bumpers() -> None:
     assert assessment.oob_distance[2] == pytest.approx(2.0)
 
 
-def test_reasons_say_where_and_how_long() -> None:
+def test_reasons_name_place_and_limit() -> None:
     assert judged(STRAIGHT, np.zeros(300)).reason == "Car moved less than 1 m in 10 s at 0 m"
     slow = judged(STRAIGHT, 0.9 * np.arange(0.0, 70.0, 0.05))
     assert slow.reason == "Car took longer than 60 s and was at 54 m of 100 m"
@@ -286,14 +290,14 @@ def test_records_after_the_end_do_not_count() -> None:
 
     failed = judged(STRAIGHT, distances, 0.1 * distances)
     assert failed.departure is not None
-    # It comes back at once, but the drive is over.
+    # The car comes returning at once, but the drive is over.
     i = round(failed.departure.time / 0.05)
-    back = np.where(np.arange(len(distances)) > i, 0.0, 0.1 * distances)
-    assert judged(STRAIGHT, distances, back) == failed
+    returning = np.where(np.arange(len(distances)) > i, 0.0, 0.1 * distances)
+    assert judged(STRAIGHT, distances, returning) == failed
 
 
 @pytest.mark.parametrize("column", ["time", "x", "y", "heading"])
-def test_records_that_are_no_numbers_are_an_error(column: str) -> None:
+def test_a_record_of_nan_is_an_error(column: str) -> None:
     path = trajectory(STRAIGHT, steady(STRAIGHT))
     values = getattr(path, column).copy()
     values[50] = math.nan
@@ -302,7 +306,7 @@ def test_records_that_are_no_numbers_are_an_error(column: str) -> None:
     assert result.moobd is None
 
 
-def test_a_drive_with_an_error_is_an_error_whatever_it_recorded() -> None:
+def test_a_drive_with_trouble_is_an_error_in_spite_of_its_records() -> None:
     path = trajectory(STRAIGHT, steady(STRAIGHT))
     result = judge(STRAIGHT, Drive(path, trouble=Trouble("the simulator's window was closed")))
     assert result.outcome is Outcome.ERROR
@@ -326,7 +330,7 @@ def test_a_fault_of_the_driver_fails_its_drive() -> None:
     assert result.departure is None
     unrecorded = judge(STRAIGHT, Drive(Trajectory.empty(), trouble=Trouble("it left", fault=fault)))
     assert (unrecorded.outcome, unrecorded.moobd) == (Outcome.FAIL, None)
-    # What the rules had ended before counts as they say; the simulator's fault is no failure.
+    # A fault after the end of a drive does not count; a fault of the simulator is no failure.
     assert judge(STRAIGHT, Drive(path, trouble=Trouble("too late", fault=fault))) == passed
     simulators_fault = replace(fault, part="simulator")
     assert (
@@ -335,7 +339,7 @@ def test_a_fault_of_the_driver_fails_its_drive() -> None:
     )
 
 
-def test_a_drive_takes_no_text_as_its_trouble() -> None:
+def test_trouble_that_is_a_text_is_refused() -> None:
     text: Any = "no connection"
     with pytest.raises(TypeError, match="trouble is 'no connection': a frenetic"):
         Drive(Trajectory.empty(), trouble=text)
@@ -380,14 +384,14 @@ def test_oob_distance_is_measured_from_the_lanes_centre(
     assert result.max_oob_share == assessment.oob_share.max()
 
 
-def test_a_car_keeps_to_its_piece_of_road_where_another_one_passes_close_by() -> None:
-    """Across to the ego lane of the leg back is out of the lane, even where that one is nearer."""
+def test_a_car_is_judged_on_its_own_leg_of_a_hairpin() -> None:
+    """A car that crosses to the leg back has left its lane, even where that leg is nearer."""
     turn = np.full(8, math.pi / 8.0)
     step = 9.0 / -float(Road([0.0, *turn, 0.0], 1.0).points[-1, 0])
     leg = np.zeros(math.ceil(60.0 / step))
     road = Road(np.concatenate([leg, turn / step, leg]), step)
     y = np.arange(0.0, 50.0, 0.5)
-    # From the own lane's centre to the ego lane's centre on the leg back, 9 m to the left.
+    # From the centre of the car's lane to the ego lane's centre on the leg back, 9 m to the left.
     x = 2.0 - np.clip(0.4 * (y - 5.0), 0.0, 9.0 + 4.0)
     path = replace(trajectory(STRAIGHT, y), x=x, y=y)
     rules = Rules(oob_tolerance=1.0)
@@ -408,16 +412,16 @@ def test_a_car_keeps_to_its_piece_of_road_where_another_one_passes_close_by() ->
     drift=st.floats(0.005, 0.06) | st.floats(-0.06, -0.005),
 )
 @settings(max_examples=50)
-def test_moving_and_turning_the_world_changes_no_verdict(
+def test_a_moved_and_turned_road_has_the_same_verdict(
     seed: int, x: float, y: float, turn: float, drift: float
 ) -> None:
     rng = np.random.default_rng(seed)
     curvatures = 0.03 * rng.uniform(-1.0, 1.0, 10)
-    here = Road(curvatures)
-    there = Road(curvatures, pose=Pose(x, y, math.pi / 2 + turn))
-    distances = steady(here)
-    result = judged(here, distances, drift * distances)
-    moved = judged(there, distances, drift * distances)
+    road = Road(curvatures)
+    moved_road = Road(curvatures, pose=Pose(x, y, math.pi / 2 + turn))
+    distances = steady(road)
+    result = judged(road, distances, drift * distances)
+    moved = judged(moved_road, distances, drift * distances)
     assert moved.outcome is result.outcome
     assert moved.duration == result.duration
     assert moved.moobd == pytest.approx(result.moobd, abs=1e-6)
@@ -440,19 +444,19 @@ def test_rules_that_are_not_positive_are_refused_by_name(name: str, value: float
         Rules(**options)
 
 
-def test_a_tolerance_is_a_share() -> None:
+def test_a_tolerance_above_1_is_refused() -> None:
     assert Rules(oob_tolerance=1.0).oob_tolerance == 1.0
     with pytest.raises(ValueError, match=r"oob_tolerance is 1\.5: a share above 0 and up to 1"):
         Rules(oob_tolerance=1.5)
 
 
-def test_a_trajectory_survives_its_rows_and_cannot_be_changed() -> None:
+def test_a_trajectory_is_restored_from_its_rows_and_is_read_only() -> None:
     path = trajectory(LEFT_TURN, steady(LEFT_TURN), 0.3)
     rows = path.to_rows()
     assert rows.shape == (len(path), 11)
-    again = Trajectory.from_rows(rows)
+    from_rows = Trajectory.from_rows(rows)
     for name in Trajectory.names():
-        column = getattr(again, name)
+        column = getattr(from_rows, name)
         np.testing.assert_array_equal(column, getattr(path, name))
         with pytest.raises(ValueError, match="read-only"):
             column[0] = 1.0
