@@ -1,4 +1,4 @@
-"""What slow readers have agreed with is shown to them again when it has changed, and only then."""
+"""A slow check is skipped while its inputs stay the same, and only then."""
 
 from __future__ import annotations
 
@@ -10,26 +10,28 @@ from agreements import Agreements
 
 @pytest.fixture
 def file(tmp_path: Path) -> Path:
-    return tmp_path / "kept.txt"
+    """The file of the digests, which does not exist yet."""
+    return tmp_path / "digests.txt"
 
 
-def ask(file: Path, *parts: str | bytes, anew: bool = False) -> bool:
+def is_agreed_upon(file: Path, *parts: str | bytes, anew: bool = False) -> bool:
+    """Return whether a check of these parts passed before; with `anew`, record that it passes."""
     with Agreements(file, anew=anew).upon("a reader", *parts) as is_agreed:
         return is_agreed
 
 
-def test_only_unchanged_inputs_count_as_agreed(file: Path) -> None:
-    assert not ask(file, "ab", b"c")
-    assert not file.exists(), "a usual run keeps nothing"
-    assert not ask(file, "ab", b"c", anew=True)
-    assert ask(file, b"ab", "c")
-    assert not ask(file, "ab", anew=True), "a full run asks again"
-    assert ask(file, "ab")
+def test_a_check_is_skipped_only_for_unchanged_inputs(file: Path) -> None:
+    assert not is_agreed_upon(file, "ab", b"c")
+    assert not file.exists(), "an ordinary run records nothing"
+    assert not is_agreed_upon(file, "ab", b"c", anew=True)
+    assert is_agreed_upon(file, b"ab", "c")
+    assert not is_agreed_upon(file, "ab", anew=True), "a full run asks again"
+    assert is_agreed_upon(file, "ab")
     for changed in ("abc", ""), ("a", "bc"), ("ab", "d"), ("ab",) * 2, ():
-        assert not ask(file, *changed)
+        assert not is_agreed_upon(file, *changed)
 
 
-def test_names_are_kept_apart_and_in_order(file: Path) -> None:
+def test_checks_have_a_line_each_in_the_order_of_names(file: Path) -> None:
     for name in ("the second", "first"):
         with Agreements(file, anew=True).upon(name, name):
             pass
@@ -39,7 +41,7 @@ def test_names_are_kept_apart_and_in_order(file: Path) -> None:
     ]
 
 
-def test_a_disagreement_is_not_stored(file: Path) -> None:
+def test_a_failed_check_is_not_recorded(file: Path) -> None:
     with pytest.raises(AssertionError), Agreements(file, anew=True).upon("a reader", "x"):
         raise AssertionError
-    assert not ask(file, "x")
+    assert not is_agreed_upon(file, "x")

@@ -1,4 +1,4 @@
-"""Processes that compile the same kernel at once, for different arguments."""
+"""Several processes compile the same kernel at the same time, for different arguments."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ def total(values):
     return result
 """
 
-# Stops in the middle of the cache's update, when its index names machine code not written yet.
-SLOW = """
+# Stops while it updates the cache: the index names machine code that is not written yet.
+STOPS_WHILE_WRITING = """
 import numpy as np
 from numba.core.caching import IndexDataCacheFile
 from kernels import total
@@ -37,8 +37,8 @@ IndexDataCacheFile._save_data = stop
 print(total(np.arange(5.0)))
 """
 
-# Tells when it has to wait for its turn.
-OTHER = """
+# Prints "waits" when another process holds the lock.
+REPORTS_WAITING = """
 import numpy as np
 from filelock import FileLock, Timeout
 from kernels import total
@@ -56,9 +56,8 @@ FileLock.acquire = tell
 print(total(np.arange(5)))
 """
 
-
-# Says how many of both forms were read from the disk.
-BOTH = """
+# Prints how many of both compiled forms came from the disk.
+READS_CACHE = """
 import numpy as np
 from kernels import total
 print(total(np.arange(5)), total(np.arange(5.0)), sum(total.stats.cache_hits.values()))
@@ -67,11 +66,13 @@ print(total(np.arange(5)), total(np.arange(5.0)), sum(total.stats.cache_hits.val
 
 @pytest.fixture
 def folder(tmp_path: Path) -> Path:
+    """A folder with a module of kernels."""
     (tmp_path / "kernels.py").write_text(KERNELS)
     return tmp_path
 
 
 def start(folder: Path, code: str) -> subprocess.Popen[str]:
+    """Start a Python process with the kernels and a cache in a folder."""
     return subprocess.Popen(
         [sys.executable, "-c", code],
         cwd=folder,
@@ -83,8 +84,11 @@ def start(folder: Path, code: str) -> subprocess.Popen[str]:
 
 
 @pytest.mark.heavy
-def test_processes_take_turns(folder: Path) -> None:
-    with start(folder, SLOW) as slow, start(folder, "input()\n" + OTHER) as other:
+def test_processes_update_the_cache_one_after_the_other(folder: Path) -> None:
+    with (
+        start(folder, STOPS_WHILE_WRITING) as slow,
+        start(folder, "input()\n" + REPORTS_WAITING) as other,
+    ):
         assert slow.stdin
         assert slow.stdout
         assert slow.stdout.readline() == "stopped\n"
@@ -95,12 +99,12 @@ def test_processes_take_turns(folder: Path) -> None:
         assert other.stdout.readline() == "waits\n"
         assert slow.communicate("\n")[0] == "10.0\n"
         assert other.communicate()[0] == "10.0\n"
-    with start(folder, BOTH) as reader:
+    with start(folder, READS_CACHE) as reader:
         assert reader.communicate()[0] == "10.0 10.0 2\n"
 
 
-# Compiles in spite of another process that holds the lock all the time, or of files without locks.
-ALONE = """
+# Never gets the lock, or runs on a file system without locks.
+WITHOUT_LOCK = """
 import filelock
 import numpy as np
 from filelock import FileLock
@@ -117,18 +121,18 @@ print(total(np.arange(5)), total(np.arange(5.0)))
 
 
 @pytest.mark.parametrize("error", ["filelock.Timeout", "OSError"])
-def test_who_never_gets_a_turn_does_without(folder: Path, error: str) -> None:
-    with start(folder, ALONE.format(error=error)) as alone:
+def test_a_process_without_the_lock_compiles_without_the_cache(folder: Path, error: str) -> None:
+    with start(folder, WITHOUT_LOCK.format(error=error)) as alone:
         assert alone.communicate()[0] == "10.0 10.0\n"
 
 
 @pytest.mark.heavy
-def test_one_that_is_killed_while_it_compiles_hurts_nobody(folder: Path) -> None:
-    with start(folder, SLOW) as slow:
+def test_a_process_killed_while_it_writes_the_cache_does_no_harm(folder: Path) -> None:
+    with start(folder, STOPS_WHILE_WRITING) as slow:
         assert slow.stdout
         assert slow.stdout.readline() == "stopped\n"
         slow.kill()
-    with start(folder, OTHER) as other:
+    with start(folder, REPORTS_WAITING) as other:
         assert other.communicate()[0] == "10.0\n"
-    with start(folder, BOTH.replace("sum(total.stats.cache_hits.values())", "2")) as reader:
+    with start(folder, READS_CACHE.replace("sum(total.stats.cache_hits.values())", "2")) as reader:
         assert reader.communicate()[0] == "10.0 10.0 2\n"

@@ -1,3 +1,5 @@
+"""Durations and rates: reading and formatting."""
+
 from __future__ import annotations
 
 import pytest
@@ -18,21 +20,21 @@ from frenetic._support.words import format_duration, parse_duration, rate_words
         ("0.5", 0.5),
     ],
 )
-def test_times_are_understood(text: str, seconds: float) -> None:
+def test_a_duration_is_read_in_seconds(text: str, seconds: float) -> None:
     assert parse_duration(text) == seconds
 
 
 @pytest.mark.parametrize("text", ["", "abc", "5x", "-3", "0", "0m", "1m1h", "1h30", "nan", "inf"])
-def test_a_text_that_is_no_time_is_refused(text: str) -> None:
+def test_a_text_that_is_no_duration_is_refused(text: str) -> None:
     with pytest.raises(ValueError, match="time"):
         parse_duration(text)
 
 
-def test_times_for_people() -> None:
+def test_a_duration_is_written_as_a_clock() -> None:
     assert [format_duration(s) for s in (0, 7.4, 754, 3723)] == ["0:00", "0:07", "12:34", "1:02:03"]
 
 
-def test_rates_for_people() -> None:
+def test_a_rate_is_written_per_second_minute_or_hour() -> None:
     rates = (0.0, 0.0012, 0.2, 4.3, 19.84, 412.3)
-    told = ["0 tests/s", "4.3 tests/h", "12.0 tests/min", "4.3 tests/s", "19.8 tests/s"]
-    assert [rate_words(rate) for rate in rates] == [*told, "412 tests/s"]
+    texts = ["0 tests/s", "4.3 tests/h", "12.0 tests/min", "4.3 tests/s", "19.8 tests/s"]
+    assert [rate_words(rate) for rate in rates] == [*texts, "412 tests/s"]

@@ -1,4 +1,4 @@
-"""Messages between processes: what was sent comes back, and nothing else is believed."""
+"""Messages between processes: sent values arrive unchanged, anything else is refused."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ FRAMES = st.lists(
 
 
 @given(FRAMES, st.lists(st.integers(1, 40), min_size=1))
-def test_frames_come_back_however_the_stream_is_cut(frames: list[Frame], sizes: list[int]) -> None:
+def test_frames_arrive_however_the_stream_is_cut(frames: list[Frame], sizes: list[int]) -> None:
     stream = b"".join(map(to_bytes, frames))
     reader = FrameReader()
     received: list[Frame] = []
@@ -51,8 +51,8 @@ def test_frames_come_back_however_the_stream_is_cut(frames: list[Frame], sizes: 
 
 
 @given(st.binary(min_size=1, max_size=100), FRAMES)
-def test_nonsense_between_frames_is_no_frame(nonsense: bytes, frames: list[Frame]) -> None:
-    """What came before it is heard; it is refused when a whole frame has come after it."""
+def test_nonsense_between_frames_is_refused(nonsense: bytes, frames: list[Frame]) -> None:
+    """The reader returns earlier frames, and refuses the stream at the next whole frame."""
     reader = FrameReader()
     received: list[Frame] = []
     with pytest.raises(ProtocolError):  # noqa: PT012
@@ -64,7 +64,7 @@ def test_nonsense_between_frames_is_no_frame(nonsense: bytes, frames: list[Frame
 
 
 @pytest.mark.parametrize("length", [MOST_BYTES + 1, 2**32 - 1])
-def test_a_length_beyond_the_bound_is_refused_before_it_comes(length: int) -> None:
+def test_a_too_long_frame_is_refused_by_its_header(length: int) -> None:
     with pytest.raises(ProtocolError, match=f"claims {length} bytes"):
         list(FrameReader().feed(b"\xf7Frn" + struct.pack("<BIII", 1, 2, length, 0)))
 
@@ -83,15 +83,17 @@ class Answer:
     folder: Path = Path()
 
 
-def test_values_come_back_unchanged() -> None:
+def test_values_arrive_unchanged() -> None:
     rows = np.arange(6.0).reshape(2, 3)
-    there = Answer(rows, np.float64(0.5), Path("a/b"))
-    back = decode(encode(there), Answer)
-    np.testing.assert_array_equal(back.rows, rows)
-    assert (type(back.share), back.share, back.folder) == (float, 0.5, Path("a/b"))
+    answer = Answer(rows, np.float64(0.5), Path("a/b"))
+    decoded = decode(encode(answer), Answer)
+    np.testing.assert_array_equal(decoded.rows, rows)
+    assert (type(decoded.share), decoded.share, decoded.folder) == (float, 0.5, Path("a/b"))
 
 
 class Bomb:
+    """An object that ends the process that unpickles it."""
+
     def __reduce__(self) -> Any:
         return os._exit, (9,)
 
@@ -112,7 +114,7 @@ class Bomb:
         encode([1, 2]),
     ],
 )
-def test_a_message_that_is_no_answer_is_refused(data: bytes) -> None:
+def test_a_message_of_another_type_is_refused(data: bytes) -> None:
     with pytest.raises(ProtocolError, match="it is not what was asked for"):
         decode(data, Answer)
 
@@ -123,24 +125,24 @@ def test_an_object_that_is_not_plain_is_not_sent() -> None:
 
 
 @posix_only
-def test_sending_ends_at_its_deadline_if_nobody_listens() -> None:
-    ours, theirs = Pipe()
-    channel = Channel(ours, blocks=False)
-    with theirs, pytest.raises(TimeoutError):
+def test_sending_ends_at_its_deadline_if_nobody_reads() -> None:
+    sender, receiver = Pipe()
+    channel = Channel(sender, blocks=False)
+    with receiver, pytest.raises(TimeoutError):
         channel.send(bytes(10**8), deadline=time.monotonic() + 0.01)
     channel.close()
 
 
 @posix_only
-def test_a_channel_knows_when_its_descriptor_is_another(tmp_path: Path) -> None:
-    ours, theirs = Pipe()
-    channel = Channel(ours, blocks=False)
+def test_a_channel_notices_that_its_descriptor_was_replaced(tmp_path: Path) -> None:
+    sender, receiver = Pipe()
+    channel = Channel(sender, blocks=False)
     before = channel.is_whole
     os.close(channel.handle)
     assert (before, channel.is_whole) == (True, False)
     with (tmp_path / "file").open("w") as file:
         os.dup2(file.fileno(), channel.handle)
         assert not channel.is_whole
-        channel.close()  # leaves the other alone
+        channel.close()  # does not close the other file
         os.close(channel.handle)
-    theirs.close()
+    receiver.close()

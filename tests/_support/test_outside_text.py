@@ -1,4 +1,4 @@
-"""Reading JSON and TOML of others."""
+"""Reading JSON and TOML from outside: limits and errors."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from frenetic._support.outside_text import (
 )
 from frenetic._support.words import read_part, read_setting
 
-DEEP = 100_000
+DEEP = 100_000  # levels
 
 
 class Entry(Struct):
@@ -26,7 +26,7 @@ class Entry(Struct):
 
 
 @pytest.mark.parametrize(
-    ("text", "words"),
+    ("text", "message"),
     [
         ("[" * DEEP + "]" * DEEP, "nested more than 100 levels deep"),
         ("[" * DEEP, "nested more than 100 levels deep"),
@@ -38,15 +38,15 @@ class Entry(Struct):
         (b"\xff\xfe[\x00", "no UTF-8 text: invalid start byte at byte 0"),
     ],
 )
-def test_json_that_cannot_be_used_is_refused_in_one_line(text: str | bytes, words: str) -> None:
-    with pytest.raises(ValueError, match=words) as refused:
+def test_unusable_json_is_a_one_line_error(text: str | bytes, message: str) -> None:
+    with pytest.raises(ValueError, match=message) as refused:
         read_json(text)
     assert len(str(refused.value).splitlines()) == 1
     with pytest.raises(ValueError, match=r"."):
         read_json(text, Entry)
 
 
-def test_what_a_kind_leaves_open_is_checked_too() -> None:
+def test_values_of_an_untyped_field_are_checked_too() -> None:
     nested = "[" * 200 + "]" * 200
     with pytest.raises(BeyondLimitsError, match="nested"):
         read_json(f'{{"number": 1, "others": {nested}}}', Entry)
@@ -65,7 +65,7 @@ def test_what_a_kind_leaves_open_is_checked_too() -> None:
         "a = \x00",
     ],
 )
-def test_toml_that_cannot_be_used_is_refused_in_one_line(text: str) -> None:
+def test_unusable_toml_is_a_one_line_error(text: str) -> None:
     with pytest.raises(ValueError, match=r".") as refused:
         read_toml(text.encode())
     assert len(str(refused.value).splitlines()) == 1
@@ -77,12 +77,12 @@ def test_toml_within_the_limits_is_read() -> None:
 
 
 @given(st.recursive(st.none() | st.booleans() | st.integers(0, 9), st.lists, max_leaves=20))
-def test_json_within_the_limits_is_read_as_it_is(value: object) -> None:
+def test_json_within_the_limits_is_read(value: object) -> None:
     assert read_json(json.dumps(value)) == value
 
 
 @pytest.mark.parametrize("core", ["", "1", '{"a": 1}'])
-def test_the_most_levels_are_read_and_one_more_is_refused(core: str) -> None:
+def test_the_deepest_allowed_level_is_read_and_one_more_is_refused(core: str) -> None:
     levels = MAX_DEPTH - core.count("{")
     text = "[" * levels + core + "]" * levels
     read_json(text)
@@ -91,7 +91,7 @@ def test_the_most_levels_are_read_and_one_more_is_refused(core: str) -> None:
 
 
 @pytest.mark.parametrize("value", ["[" * DEEP, '{"a":' * DEEP, "1" * 400, "1" * 5_000])
-def test_an_option_beyond_the_limits_is_refused_and_shown_short(value: str) -> None:
+def test_an_option_beyond_the_limits_is_refused_with_a_short_text(value: str) -> None:
     with pytest.raises(
         ValueError, match=r"\.\.\.: (it is nested|a number|int too large)"
     ) as refused:

@@ -1,4 +1,4 @@
-"""Numba's sorts have names that are unique within one process only, but are cached for all."""
+"""No kernel sorts: Numba's names of sorts are unique in one process, but its cache serves all."""
 
 from __future__ import annotations
 
@@ -19,4 +19,4 @@ def test_no_kernel_sorts() -> None:
         and any("njit" in ast.unparse(decorator) for decorator in function.decorator_list)
         and any(name in ast.unparse(function) for name in SORTS)
     ]
-    assert sorting == [], "cached, two of them would call each other's parts"
+    assert sorting == [], "two cached sorts would call each other's code"

@@ -1,4 +1,4 @@
-"""Files that are written whole or not at all."""
+"""Files are written whole or not at all."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def test_a_file_replaces_an_existing_one(
     assert list(tmp_path.iterdir()) == [path]
 
 
-def test_a_file_that_cannot_be_written_says_why_and_what_to_do(tmp_path: Path) -> None:
+def test_the_error_of_a_file_that_cannot_be_written_names_cause_and_remedy(tmp_path: Path) -> None:
     path = tmp_path / "nowhere" / "a.csv"
     with pytest.raises(FreneticError) as caught:
         write_file(path, "1", remedy="go elsewhere")

@@ -1,3 +1,5 @@
+"""Texts of parts, options and lane distances."""
+
 from __future__ import annotations
 
 from typing import Any
@@ -11,7 +13,9 @@ from frenetic._support.words import lane_words, oob_unit, oob_words, part_word, 
     ("text", "value"),
     [("true", True), ("True", True), ("False", False), ("None", None), ("null", None)],
 )
-def test_truth_is_written_as_in_json_or_as_in_python(text: str, value: bool | None) -> None:
+def test_true_false_and_none_are_read_in_json_and_python_form(
+    text: str, value: bool | None
+) -> None:
     assert read_part(f"my.py:Mine,clock={text},sight=20") == (
         "my.py:Mine",
         {"clock": value, "sight": 20},
@@ -19,7 +23,7 @@ def test_truth_is_written_as_in_json_or_as_in_python(text: str, value: bool | No
 
 
 @pytest.mark.parametrize("value", ["True", "None", "true", "yes", "a,b", '"', 1.5, True, None])
-def test_options_come_back_as_they_were(value: Any) -> None:
+def test_options_are_written_and_read_unchanged(value: Any) -> None:
     _, options = read_part(part_word("planner", {"option": value}))
     assert options == {"option": value}
     assert type(options["option"]) is type(value)
@@ -33,8 +37,6 @@ def test_options_come_back_as_they_were(value: Any) -> None:
         (-0.52, "−0.52 m", "0.52 m outside its lane"),
     ],
 )
-def test_metres_inside_the_lane_are_shown_with_their_maximum(
-    oob: float, short: str, text: str
-) -> None:
+def test_distances_inside_the_lane_have_their_maximum(oob: float, short: str, text: str) -> None:
     assert (oob_words(oob, 3.5), lane_words(oob, 3.5)) == (short, text)
     assert (oob_words(None, 3.5), oob_unit(3.5)) == ("–", "m, at most 1.75")

@@ -1,1 +1,1 @@
-"""A stranger's package: a driver, a wrapper, a strategy, a simulator and a command of its own."""
+"""A stranger's package: a driver, a wrapper, a strategy, a simulator and a command."""

@@ -1,4 +1,4 @@
-"""A command."""
+"""A command that counts the tests of a campaign."""
 
 from pathlib import Path
 

@@ -20,7 +20,7 @@ from frenetic.search.strategy import Ledger
 
 
 class Hasty:
-    """Looks 10 m ahead, at one speed."""
+    """A driver that steers for a point 10 m ahead and keeps one speed."""
 
     def __init__(self, speed: float = 50.0) -> None:
         self.speed = speed
@@ -35,7 +35,7 @@ class Hasty:
 
 
 class Zigzag(Strategy):
-    """Bends to the left and to the right, sharper and sharper."""
+    """A strategy of zigzag roads that get sharper and sharper."""
 
     def __init__(self, seed: int) -> None:
         self.ledger, self.seed = Ledger(), seed
