@@ -418,7 +418,7 @@ class Observing(Scripted, ObservingStrategy):
     def observe(self, attempt: Attempt) -> None:
         path = attempt.trajectory
         is_driven = path is not None and len(path) > 0
-        self.observed.append((len(self.told), attempt.result.outcome, is_driven))
+        self.observed.append((len(self.evaluations), attempt.result.outcome, is_driven))
 
 
 def test_an_observing_strategy_sees_each_drive_before_tell(tmp_path: Path) -> None:

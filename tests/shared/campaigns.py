@@ -13,7 +13,6 @@ from faulty import bend
 
 from frenetic.campaign import Budget, Campaign
 from frenetic.errors import CampaignError
-from frenetic.oracle.outcome import Outcome
 from frenetic.road import Road
 from frenetic.search import Candidate, Evaluation, Frenetic2021, Origin, Strategy
 from frenetic.testing import DummyDriver, DummySimulator
@@ -67,7 +66,7 @@ class Scripted(Strategy):
     def __init__(self, *roads: list[float]) -> None:
         self.roads = roads or (STRAIGHT, LOOP, BENT)
         self.asked = 0
-        self.told: list[tuple[int, Outcome, float]] = []
+        self.evaluations: list[Evaluation] = []
 
     def ask(self) -> Candidate:
         self.asked += 1
@@ -75,8 +74,7 @@ class Scripted(Strategy):
         return Candidate(self.asked, np.array(values), 10.0, Origin("scripted"))
 
     def tell(self, evaluation: Evaluation) -> None:
-        share = round(evaluation.budget_spent, 6)
-        self.told.append((evaluation.candidate.id, evaluation.outcome, share))
+        self.evaluations.append(evaluation)
 
 
 def scripted(folder: Path, budget: Budget | None, **options: Any) -> Campaign:

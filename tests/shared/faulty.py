@@ -407,7 +407,6 @@ class Straight(Strategy):
 
     def __init__(self, *samples: int) -> None:
         self.samples = samples
-        self.told: list[Evaluation] = []
         self._ids = itertools.count(1)
 
     def ask(self) -> Candidate:
@@ -415,7 +414,7 @@ class Straight(Strategy):
         return straight(number, self.samples[(number - 1) % len(self.samples)])
 
     def tell(self, evaluation: Evaluation) -> None:
-        self.told.append(evaluation)
+        pass
 
 
 class Forking(Straight):

@@ -1,4 +1,4 @@
-"""Wind, a condition of its own: it turns the wheels a little."""
+"""Wind, a condition of this package: it turns the wheels a little."""
 
 from dataclasses import replace
 
