@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import time
 from pathlib import Path
 
 from frenetic.drivers import Driver
@@ -44,14 +43,6 @@ class Frail(DummySimulator):
 
 class Eager(Frenetic2021):
     """A strategy of a user, derived from a built-in one."""
-
-
-class Lazy(Frenetic2021):
-    """A strategy that takes a second for each road."""
-
-    def ask(self) -> Candidate:
-        time.sleep(1.0)
-        return super().ask()
 
 
 class Broken(Frenetic2021):
