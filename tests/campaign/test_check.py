@@ -108,7 +108,8 @@ def test_a_damaged_database_is_refused_in_one_line_and_not_written(
     tmp_path: Path, endurance: bool
 ) -> None:
     make_campaign(tmp_path, 12).run()
-    whole, before = (tmp_path / DATABASE).read_bytes(), (stored_values(tmp_path), contents(tmp_path))
+    whole = (tmp_path / DATABASE).read_bytes()
+    before = stored_values(tmp_path), contents(tmp_path)
     rng, damaged_files = random.Random(5), 0
     for number in range(300 if endurance else 30):
         kind = number % 10
