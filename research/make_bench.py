@@ -1,9 +1,9 @@
-"""Makes the tables and pictures of research/bench.md: ``python research/make_bench.py``.
+"""Make the tables and pictures of research/bench.md: ``python research/make_bench.py``.
 
-Runs the benches of that page, or those named, ten repeats each: about an hour on two cores. Each
-run is a campaign in `--folder`, the same as `frenetic bench` makes. The command can be stopped and
-given again: complete runs are kept as long as strategy, driver, simulator and rules are of the same
-versions.
+The command runs all benches of that page, or the named benches: about two hours on two cores. Each
+run is a campaign in `--folder`, as `frenetic bench` makes it. Stop the command and give it again,
+and it continues: it keeps complete runs with today's versions of strategy, driver, simulator and
+rules.
 """
 
 from __future__ import annotations
@@ -38,10 +38,15 @@ PAGE: Final = HERE / "bench.md"
 PEERS: Final = HERE.parent / "benchmarks" / "ribs_search.py"
 STEADY: Final = HERE.parent / "benchmarks" / "steady.py"
 SEEDS: Final = range(1, 21)
-"""Seeds that chose nothing: strategies were tuned on seeds 101 to 124 and 201 to 206."""
-THRESHOLDS: Final = (1.0, 2.0, 3.0)  # [m]
-PATH_THRESHOLD: Final = 2.0  # [m]
-PATH_STEP: Final = 5.0  # [m]
+"""Seeds on which nothing was tuned: strategies were tuned on seeds 101 to 124 and 201 to 206."""
+THRESHOLDS: Final = (1.0, 2.0, 3.0)
+"""Differences from which two failures are distinct, in m."""
+PATH_THRESHOLD: Final = 2.0
+"""Distance from which two driven paths are distinct, in m."""
+PATH_STEP: Final = 5.0
+"""Distance between the compared points of a driven path, in m."""
+OFFSET_STEP: Final = 2.5
+"""Distance between the offsets of a `Failure`, in m."""
 
 
 def _strategy(name: str, spec: str, **options: Any) -> Entrant:
@@ -65,7 +70,7 @@ EXPLOITATION: Final = (
 
 
 @dataclass(frozen=True)
-class Published:
+class PageBench:
     """A bench of the page."""
 
     name: str
@@ -75,13 +80,13 @@ class Published:
     """Entries of a spec that say how roads are driven."""
     seeds: Sequence[int] = SEEDS
     is_main: bool = False
-    """Whether it has a picture, and distinct failures are counted by other distances, too."""
+    """Whether the page has a picture of the bench, and distinct failures by other distances."""
 
     def campaign(self, entrant: Entrant, seed: int, folder: Path) -> Campaign:
-        """A run of an entrant; its folder is within `folder`."""
+        """Return the campaign of an entrant with a seed; its folder is within `folder`."""
         strategy = part_word(entrant.spec, entrant.options)
-        own = {"strategy": strategy, "seed": seed, "simulations": self.simulations}
-        spec = Spec.of(self.drive, own)
+        run_entries = {"strategy": strategy, "seed": seed, "simulations": self.simulations}
+        spec = Spec.of(self.drive, run_entries)
         return Campaign.of(spec, folder=folder / self.name / entrant.name / str(seed), workers=1)
 
 
@@ -90,34 +95,34 @@ def _driver(name: str, **options: Any) -> dict[str, Any]:
 
 
 BENCHES: Final = (
-    Published("planner-200", 200, ENTRANTS, is_main=True),
-    Published("planner-1000", 1000, is_main=True),
-    Published(
+    PageBench("planner-200", 200, ENTRANTS, is_main=True),
+    PageBench("planner-1000", 1000, is_main=True),
+    PageBench(
         "gentle-1000",
         1000,
         ENTRANTS,
         drive=_driver("planner", lateral_acceleration=7.0),
         is_main=True,
     ),
-    Published(
+    PageBench(
         "careful-1000",
         1000,
         (RANDOM, LISTING_1, OURS, CMA_MAE, *EXPLOITATION),
         _driver("planner", lateral_acceleration=6.0),
     ),
-    Published("stanley-200", 200, ENTRANTS, _driver("stanley")),
-    Published("stanley-1000", 1000, (RANDOM, LISTING_1, OURS), _driver("stanley")),
-    Published("steady-200", 200, ENTRANTS, _driver(f"{STEADY}:Steady", speed=48.0)),
-    Published(
+    PageBench("stanley-200", 200, ENTRANTS, _driver("stanley")),
+    PageBench("stanley-1000", 1000, (RANDOM, LISTING_1, OURS), _driver("stanley")),
+    PageBench("steady-200", 200, ENTRANTS, _driver(f"{STEADY}:Steady", speed=48.0)),
+    PageBench(
         "metadrive-200",
         200,
         (RANDOM, LISTING_1, OURS),
         _driver("metadrive-idm", target_speed=46.0) | {"simulator": "metadrive"},
         seeds=SEEDS[:10],
     ),
-    Published("planner-5000", 5000, (RANDOM, LISTING_1, OURS), seeds=SEEDS[:10]),
+    PageBench("planner-5000", 5000, (RANDOM, LISTING_1, OURS), seeds=SEEDS[:10]),
 )
-SHOWN: Final = {
+COLUMNS: Final = {
     "distinct_failures": "distinct failures",
     "failures": "failures",
     "cells": "cells",
@@ -127,7 +132,7 @@ SHOWN: Final = {
     "competition_sparseness": "competition's sparseness",
     "valid_share": "valid",
 }
-"""Name of a measure -> heading of its column."""
+"""Name of a measure -> heading of its column in the table of medians."""
 COMPARED: Final = (
     "distinct_failures",
     "cells",
@@ -135,58 +140,59 @@ COMPARED: Final = (
     "simulations_to_failure",
     "min_moobd",
 )
+"""Measures in the table that compares our search with the other entrants."""
 
 
 def main() -> None:
-    """Runs what is missing and writes the tables of what is complete."""
+    """Run the missing campaigns, then write the tables of the complete benches."""
     options = _options()
-    chosen = [one for one in BENCHES if not options.names or one.name in options.names]
+    chosen = [bench for bench in BENCHES if not options.names or bench.name in options.names]
     if not options.tables:
         runs = [
-            Run(published, entrant, seed, options.folder)
-            for published in chosen
-            for entrant in published.entrants
+            Run(bench, entrant, seed, options.folder)
+            for bench in chosen
+            for entrant in bench.entrants
             if not options.entrant or entrant.name in options.entrant
-            for seed in published.seeds
+            for seed in bench.seeds
         ]
         with ProcessPoolExecutor(options.workers, get_context("spawn")) as pool:
-            for done in pool.map(complete, runs):
-                print(done, flush=True)
-    for published in chosen:
-        groups = complete_groups(published, options.folder)
+            for message in pool.map(complete, runs):
+                print(message, flush=True)
+    for bench in chosen:
+        groups = complete_groups(bench, options.folder)
         if {RANDOM.name, LISTING_1.name, OURS.name} <= set(groups):
-            write_tables(published, groups)
+            write_tables(bench, groups)
     write_table("verdicts", verdicts(PAGE.read_text(encoding="utf-8")))
 
 
 @dataclass(frozen=True)
 class Run:
-    """A run of an entrant."""
+    """A campaign of an entrant with a seed."""
 
-    published: Published
+    bench: PageBench
     entrant: Entrant
     seed: int
     folder: Path
-    """Of all benches."""
+    """Folder of all benches."""
 
     def __str__(self) -> str:
-        return f"{self.published.name}, {self.entrant.name}, seed {self.seed}"
+        return f"{self.bench.name}, {self.entrant.name}, seed {self.seed}"
 
 
 def complete(run: Run) -> str:
-    """Makes a run's campaign unless it is there, complete and of today's versions."""
-    campaign = run.published.campaign(run.entrant, run.seed, run.folder)
+    """Run a campaign, unless it is complete and of today's versions; return what was done."""
+    campaign = run.bench.campaign(run.entrant, run.seed, run.folder)
     if is_complete(campaign):
         return f"{run}: kept"
     if campaign.folder.exists():
         shutil.rmtree(campaign.folder)
     summary = campaign.run()
-    assert summary.simulations == run.published.simulations, summary.ended
+    assert summary.simulations == run.bench.simulations, summary.ended
     return f"{run}: {summary.failed} failures in {summary.seconds:.1f} s"
 
 
 def is_complete(campaign: Campaign) -> bool:
-    """Whether its folder holds the whole campaign, with the same parts."""
+    """Return whether the campaign's folder holds the whole campaign, with the same parts."""
     if not (campaign.folder / DATABASE).exists():
         return False
     with CampaignStore.open(campaign.folder) as store:
@@ -194,29 +200,36 @@ def is_complete(campaign: Campaign) -> bool:
     return "finished_at" in facts and not changed_parts(config, campaign.configuration())
 
 
-def complete_groups(published: Published, folder: Path) -> dict[str, list[Path]]:
-    """Name of each entrant with all its runs -> their folders."""
+def complete_groups(bench: PageBench, folder: Path) -> dict[str, list[Path]]:
+    """Return the folders of all runs by entrant, for entrants all of whose runs are complete."""
     groups = {}
-    for entrant in published.entrants:
-        campaigns = [published.campaign(entrant, seed, folder) for seed in published.seeds]
+    for entrant in bench.entrants:
+        campaigns = [bench.campaign(entrant, seed, folder) for seed in bench.seeds]
         if all(map(is_complete, campaigns)):
             groups[entrant.name] = [campaign.folder for campaign in campaigns]
         else:
-            print(f"{published.name}, {entrant.name}: not complete")
+            print(f"{bench.name}, {entrant.name}: not complete")
     return groups
 
 
 def _options() -> argparse.Namespace:
     parser = argparse.ArgumentParser(description=__doc__)
-    known = [published.name for published in BENCHES]
-    entrants = sorted({entrant.name for published in BENCHES for entrant in published.entrants})
-    parser.add_argument("names", nargs="*", metavar="BENCH", help=f"of {', '.join(known)}; all")
-    parser.add_argument("--folder", type=Path, default=Path("benches/published"))
+    known = [bench.name for bench in BENCHES]
+    entrants = sorted({entrant.name for bench in BENCHES for entrant in bench.entrants})
+    parser.add_argument(
+        "names", nargs="*", metavar="BENCH", help=f"{', '.join(known)}; all by default"
+    )
+    parser.add_argument(
+        "--folder", type=Path, default=Path("benches/published"), help="folder of all runs"
+    )
     parser.add_argument("--workers", type=int, default=available_cores(), help="runs at once")
     parser.add_argument(
-        "--entrant", action="append", choices=entrants, help="run only this one; may be repeated"
+        "--entrant",
+        action="append",
+        choices=entrants,
+        help="run only this entrant; may be repeated",
     )
-    parser.add_argument("--tables", action="store_true", help="run nothing, write the tables")
+    parser.add_argument("--tables", action="store_true", help="run nothing, only write the tables")
     options = parser.parse_args()
     if unknown := set(options.names) - set(known):
         parser.error(f"no bench is called {', '.join(sorted(unknown))}: {', '.join(known)}")
@@ -226,29 +239,29 @@ def _options() -> argparse.Namespace:
 # Tables
 
 
-def write_tables(published: Published, groups: Mapping[str, Sequence[Path]]) -> None:
-    """Writes the tables of a bench, and the picture of a main one."""
+def write_tables(bench: PageBench, groups: Mapping[str, Sequence[Path]]) -> None:
+    """Write the tables of a bench, and the picture of a main bench."""
     compared = compare(groups)
     for note in compared.notes:
-        print(f"{published.name}: {note}")
+        print(f"{bench.name}: {note}")
     tables = {"bench": table(compared), "pairs": pairs(compared)}
-    if published.is_main:
-        draw_comparison(compared, HERE / "images" / f"bench-{published.name}.svg")
+    if bench.is_main:
+        draw_comparison(compared, HERE / "images" / f"bench-{bench.name}.svg")
         tables["distances"] = distances({name: groups[name] for name in compared.groups})
     for kind, text in tables.items():
-        write_table(f"{kind}-{published.name}", text)
+        write_table(f"{kind}-{bench.name}", text)
 
 
 def table(comparison: Comparison) -> str:
-    """A row per entrant, a column per measure: medians and quartiles."""
-    names = [name for name in SHOWN if name in telling_of(comparison)]
+    """Return the table of medians and quartiles: a row per entrant, a column per measure."""
+    names = [name for name in COLUMNS if name in telling_measures(comparison)]
     rows = {
         group: [group, *(comparison.by(name).text(group) for name in names)]
         for group in comparison.groups
     }
     return markdown(
         [
-            ["median (quartiles)", *(SHOWN[name] for name in names)],
+            ["median (quartiles)", *(COLUMNS[name] for name in names)],
             ["---", *["---:"] * len(names)],
             *rows.values(),
         ]
@@ -256,49 +269,49 @@ def table(comparison: Comparison) -> str:
 
 
 def pairs(comparison: Comparison) -> str:
-    """Verdict, effect size and corrected p of our search against each other entrant."""
-    names = [name for name in COMPARED if name in telling_of(comparison)]
+    """Return the table of verdict, A12 and corrected p of our search against each entrant."""
+    names = [name for name in COMPARED if name in telling_measures(comparison)]
     lines = [
-        ["Frenetic against", *(SHOWN[name] for name in names)],
+        ["Frenetic against", *(COLUMNS[name] for name in names)],
         ["---", *["---"] * len(names)],
     ]
     for other in comparison.groups:
         if other != OURS.name:
-            by = (comparison.by(name) for name in names)
-            lines.append([other, *(_said(_pair(one, other)) for one in by)])
+            comparisons = (comparison.by(name) for name in names)
+            lines.append([other, *(_pair_text(_pair(by, other)) for by in comparisons)])
     return markdown(lines)
 
 
 def verdicts(page: str) -> str:
-    """Verdicts on our search against random roads and Listing 1, from the tables of the page."""
-    lines = [["bench", "against", *(SHOWN[name] for name in COMPARED)]]
+    """Return the table of verdicts against random roads and Listing 1, from the page's tables."""
+    lines = [["bench", "against", *(COLUMNS[name] for name in COMPARED)]]
     lines.append(["---"] * len(lines[0]))
-    for published in BENCHES:
-        marked = re.search(f"<!-- pairs-{published.name} -->\n(.*?)<!-- end -->", page, re.DOTALL)
+    for bench in BENCHES:
+        marked = re.search(f"<!-- pairs-{bench.name} -->\n(.*?)<!-- end -->", page, re.DOTALL)
         rows = [line.strip("| ").split(" | ") for line in marked[1].splitlines()] if marked else []
         for row in rows:
             if row[0] in (RANDOM.name, LISTING_1.name):
-                said = {
+                verdict_of = {
                     head: cell.partition(" (")[0] for head, cell in zip(rows[0], row, strict=True)
                 }
-                cells = (said.get(SHOWN[name], "") for name in COMPARED)
-                lines.append([published.name, row[0], *cells])
+                cells = (verdict_of.get(COLUMNS[name], "") for name in COMPARED)
+                lines.append([bench.name, row[0], *cells])
     return markdown(lines)
 
 
-def telling_of(comparison: Comparison) -> set[str]:
-    """Measures that tell something: not alike in all runs, and the lowest MOOBD where few fail."""
+def telling_measures(comparison: Comparison) -> set[str]:
+    """Return the measures that differ between runs; lowest MOOBD only if random roads pass."""
     names = {
         by.measure.name
         for by in comparison.measures
         if len({value for values in by.values.values() for value in values}) > 1
     }
-    often = comparison.by("failures").quartiles(RANDOM.name).median > 0
-    return names - {"min_moobd"} if often else names
+    do_random_roads_fail = comparison.by("failures").quartiles(RANDOM.name).median > 0
+    return names - {"min_moobd"} if do_random_roads_fail else names
 
 
 def _pair(by: MeasureComparison, other: str) -> PairComparison:
-    """Our search against another entrant."""
+    """Return the comparison of our search, as the first of the pair, with another entrant."""
     pair = next(p for p in by.pairs if {p.first, p.second} == {OURS.name, other})
     if pair.first == OURS.name:
         return pair
@@ -317,21 +330,22 @@ def _verdict(pair: PairComparison) -> str:
     return "better" if pair.better == pair.first else "worse"
 
 
-def _said(pair: PairComparison) -> str:
+def _pair_text(pair: PairComparison) -> str:
     return f"{_verdict(pair)} ({pair.a12:.2f}, {p_text(pair.p_corrected)})"
 
 
 def distances(folders: Mapping[str, Sequence[Path]]) -> str:
-    """Distinct failures at several thresholds, and by another distance: medians over the runs."""
-    headings = [*(f"at {one:g} m" for one in THRESHOLDS), "by warping of the paths"]
+    """Return the table of distinct failures by other thresholds and by paths: medians of runs."""
+    headings = [*(f"at {threshold:g} m" for threshold in THRESHOLDS), "by warping of the paths"]
     lines = [["distinct failures", *headings], ["---", *["---:"] * len(headings)]]
-    for name, found in folders.items():
-        medians = np.median([list(_counted(folder)) for folder in found], axis=0)
+    for name, runs in folders.items():
+        medians = np.median([list(_distinct_counts(folder)) for folder in runs], axis=0)
         lines.append([name, *(f"{median:g}" for median in medians)])
     return markdown(lines)
 
 
-def _counted(folder: Path) -> Iterator[int]:
+def _distinct_counts(folder: Path) -> Iterator[int]:
+    """Yield the distinct failures of a run by each threshold, then by paths."""
     with CampaignStore.open(folder) as store:
         failures = failures_of(store)
     for threshold in THRESHOLDS:
@@ -340,35 +354,35 @@ def _counted(folder: Path) -> Iterator[int]:
 
 
 def distinct_paths(failures: list[Failure]) -> int:
-    """Number of failures of which none is within `PATH_THRESHOLD` of one counted before.
+    """Return the number of failures whose paths are at least `PATH_THRESHOLD` m apart.
 
-    The distance is that of the driven paths over the 30 m before the place, by dynamic time
-    warping: the least mean distance of points that are matched in order. It knows neither speed nor
-    what lies ahead, and shares no code with `frenetic.analysis`.
+    A failure counts if its path is that far from the path of every failure that was counted before.
+    The distance of two driven paths, over the 30 m before the departure, is by dynamic time
+    warping: the least mean distance of points that are matched in order. This distance ignores
+    speed and the road ahead, and shares no code with `frenetic.analysis`.
     """
-    kept: dict[object, list[np.ndarray]] = {}
-    count = 0
+    paths_by_side: dict[object, list[np.ndarray]] = {}
     for failure in failures:
         path = _path(failure)
-        others = kept.setdefault(failure.side, [])
-        if all(_warped(path, other) >= PATH_THRESHOLD for other in others):
-            others.append(path)
-            count += 1
-    return count
+        paths = paths_by_side.setdefault(failure.side, [])
+        if all(_path_distance(path, other) >= PATH_THRESHOLD for other in paths):
+            paths.append(path)
+    return sum(map(len, paths_by_side.values()))
 
 
 def _path(failure: Failure) -> np.ndarray:
-    """The driven path before the place, (7, 2) in m."""
+    """Return the driven path before the departure, (7, 2) in m."""
     road = failure.road[: len(failure.offsets)]
     along = np.gradient(road, axis=0)
     normal = np.column_stack((-along[:, 1], along[:, 0])) / np.hypot(*along.T)[:, np.newaxis]
-    path: np.ndarray = (road + normal * failure.offsets[:, np.newaxis])[:: round(PATH_STEP / 2.5)]
+    points = road + normal * failure.offsets[:, np.newaxis]
+    path: np.ndarray = points[:: round(PATH_STEP / OFFSET_STEP)]
     return path
 
 
-def _warped(one: np.ndarray, other: np.ndarray) -> float:
-    """Mean distance of two paths in m, matched in order."""
-    apart = np.hypot(*(one[:, np.newaxis] - other[np.newaxis]).transpose(2, 0, 1))
+def _path_distance(first: np.ndarray, second: np.ndarray) -> float:
+    """Return the mean distance of two paths in m, with points matched in order."""
+    apart = np.hypot(*(first[:, np.newaxis] - second[np.newaxis]).transpose(2, 0, 1))
     n, m = apart.shape
     total = np.full((n + 1, m + 1), np.inf)
     total[0, 0] = 0.0
@@ -381,16 +395,16 @@ def _warped(one: np.ndarray, other: np.ndarray) -> float:
 
 
 def markdown(lines: list[list[str]]) -> str:
-    """A table."""
+    """Return lines of cells as a Markdown table."""
     return "".join(f"| {' | '.join(line)} |\n" for line in lines)
 
 
 def write_table(name: str, text: str) -> None:
-    """Puts a text between its marks on the page."""
+    """Put a table between its marks on the page."""
     page = PAGE.read_text(encoding="utf-8")
     marked = re.compile(f"(<!-- {name} -->\n).*?(<!-- end -->)", re.DOTALL)
     assert len(marked.findall(page)) == 1, name
-    page = marked.sub(lambda found: f"{found[1]}{text}{found[2]}", page)
+    page = marked.sub(lambda block: f"{block[1]}{text}{block[2]}", page)
     PAGE.write_text(page, encoding="utf-8")
 
 
