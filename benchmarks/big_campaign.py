@@ -1,14 +1,14 @@
-"""Large campaigns: what it takes to look at one, check it and export it.
+"""Time and memory that it takes to show, check and export a large campaign.
 
     python benchmarks/big_campaign.py [--tests 10000 100000] [--folder DIR]
 
-Makes campaigns of so many tests, runs each command on them in its own process, and prints wall
-time, CPU time and largest resident memory. Memory should not depend on the size.
+The benchmark makes campaigns of the given sizes, runs each command on them in a process of its own,
+and prints wall time, CPU time and largest resident memory. Memory should not depend on the size.
 
-To have a large campaign within seconds, 400 different roads are driven by the default driver, and
-the tests repeat them in turn, with their trajectories: 66 % pass, 30 % fail, 4 % are INVALID. The
-campaigns go into a new folder inside DIR (the system's folder for temporary files by default),
-which is removed afterwards: 100,000 tests need 400 MB, what is exported of them another 3 GB.
+To make a large campaign within seconds, the default driver drives 400 different roads, and the
+tests repeat these drives in turn, with their trajectories: 66 % pass, 30 % fail, 4 % are INVALID.
+The campaigns go into a new folder inside DIR (the system's folder for temporary files by default),
+which is removed afterwards: 100,000 tests need 400 MB, their exports another 3 GB.
 
 Needs the extra `tables`, and Linux or macOS.
 """
@@ -31,17 +31,15 @@ if TYPE_CHECKING:
     from frenetic.search import Candidate
 
 SEED: Final = 1
-WANTED: Final = {"PASS": 264, "FAIL": 120, "INVALID": 16}
-"""Different roads per outcome."""
+ROADS_PER_OUTCOME: Final = {"PASS": 264, "FAIL": 120, "INVALID": 16}
 SECONDS_PER_TEST: Final = 0.0015
 """Wall time recorded for each test, in s."""
 
 FRENETIC: Final = ("-m", "frenetic")
 FRAME: Final = "import sys, frenetic; frenetic.data_frame(sys.argv[1], sys.argv[2])"
-STEPS: Final = (
+COMMANDS: Final = (
     ("nothing: `frenetic --version`", (*FRENETIC, "--version")),
     ("`show`", (*FRENETIC, "show", "{campaign}")),
-    ("`check --quick`", (*FRENETIC, "check", "{campaign}", "--quick")),
     ("`check`", (*FRENETIC, "check", "{campaign}")),
     ("`data_frame`", ("-c", FRAME, "{campaign}", "tests")),
     ("`export`, parquet, no trajectories", ("parquet", "none")),
@@ -50,22 +48,22 @@ STEPS: Final = (
     ("`export`, csv", ("csv", "all")),
     ("`export`, json, no trajectories", ("json", "none")),
 )
-"""Measured commands: the arguments of Python, or format and trajectories of an export."""
+"""Name -> the arguments of Python, or format and trajectories of an export."""
 
 
 @dataclass(frozen=True)
-class Measured:
-    """A command that has run."""
+class CommandCost:
+    """What a command took."""
 
     seconds: float
     """Wall time, in s."""
     cpu_seconds: float
     memory: float
-    """MB, largest resident memory."""
+    """Largest resident memory, in MB."""
 
 
 def different_drives() -> list[tuple[Candidate, Attempt]]:
-    """Roads and their results, as many of each outcome as wanted."""
+    """Return roads and their results, `ROADS_PER_OUTCOME` of each outcome."""
     from frenetic.campaign import RoadTester
     from frenetic.drivers import Planner
     from frenetic.search import RandomSearch
@@ -73,7 +71,7 @@ def different_drives() -> list[tuple[Candidate, Attempt]]:
 
     tester = RoadTester(EmbeddedSimulator(), Planner())
     strategy = RandomSearch(seed=SEED, max_redraws=0)
-    missing = dict(WANTED)
+    missing = dict(ROADS_PER_OUTCOME)
     drives = []
     while any(missing.values()):
         candidate = strategy.ask()
@@ -85,7 +83,7 @@ def different_drives() -> list[tuple[Candidate, Attempt]]:
 
 
 def make_campaign(folder: Path, tests: int) -> None:
-    """Writes a campaign in which different drives are repeated, and prints how long that took."""
+    """Write a campaign that repeats the different drives, and print how long that took."""
     from frenetic._support.words import present_moment
     from frenetic.campaign import Budget, Campaign, CampaignStore, Test
     from frenetic.drivers import Planner
@@ -129,51 +127,51 @@ def make_campaign(folder: Path, tests: int) -> None:
     print(f"\n{tests:,} tests, {size:,.0f} MB, written in {seconds:.1f} s\n", flush=True)
 
 
-def run(arguments: list[str]) -> Measured:
-    """Runs Python with these arguments, silently.
+def run(arguments: list[str]) -> CommandCost:
+    """Run Python with these arguments, silently.
 
     Raises:
-        RuntimeError: it failed; its last line of complaint.
+        RuntimeError: Python ended with an error; the message is its last line.
     """
-    with tempfile.TemporaryFile() as complaint:
+    with tempfile.TemporaryFile() as error_file:
         start = time.perf_counter()
         process = subprocess.Popen(
-            [sys.executable, *arguments], stdout=subprocess.DEVNULL, stderr=complaint
+            [sys.executable, *arguments], stdout=subprocess.DEVNULL, stderr=error_file
         )
         _, status, usage = os.wait4(process.pid, 0)
         seconds = time.perf_counter() - start
         process.returncode = os.waitstatus_to_exitcode(status)
         if process.returncode:
-            complaint.seek(0)
-            lines = complaint.read().decode(errors="replace").splitlines()
+            error_file.seek(0)
+            lines = error_file.read().decode(errors="replace").splitlines()
             raise RuntimeError(lines[-1] if lines else f"exit status {process.returncode}")
-    unit = 1.0 if sys.platform == "darwin" else 1024.0
-    return Measured(seconds, usage.ru_utime + usage.ru_stime, usage.ru_maxrss * unit / 1e6)
+    unit = 1.0 if sys.platform == "darwin" else 1024.0  # bytes of ru_maxrss
+    return CommandCost(seconds, usage.ru_utime + usage.ru_stime, usage.ru_maxrss * unit / 1e6)
 
 
-def measured_steps(campaign: Path, parent: Path) -> Iterator[tuple[str, Measured, int]]:
-    """Measurements of each command, with the bytes it wrote."""
-    for number, (name, step) in enumerate(STEPS):
+def measure_commands(campaign: Path, parent: Path) -> Iterator[tuple[str, CommandCost, int]]:
+    """Run each command; yield its name, its cost and the number of bytes that it wrote."""
+    for number, (name, step) in enumerate(COMMANDS):
         out = parent / f"{campaign.name}-{number}"
         if step[0].startswith("-"):
             arguments = [argument.format(campaign=campaign) for argument in step]
         else:
             arguments = [*FRENETIC, "export", str(campaign), "--out", str(out)]
             arguments += ["--format", f"{step[0]},trajectories={step[1]}"]
-        result = run(arguments)
-        yield name, result, sum(file.stat().st_size for file in out.glob("*"))
+        cost = run(arguments)
+        yield name, cost, sum(file.stat().st_size for file in out.glob("*"))
 
 
 def report(sizes: list[int], parent: Path) -> None:
-    """Makes the campaigns and prints a table for each."""
+    """Make the campaigns, and print a table for each."""
     for tests in sizes:
         campaign = parent / f"campaign-{tests}"
-        # In another process: a new one is charged with the memory of its parent.
+        # In another process: the memory of this process would count for the measured commands.
         make = [sys.executable, __file__, "--make", str(campaign), "--tests", str(tests)]
         subprocess.run(make, check=True)
         print("| | wall s | CPU s | peak MB | written MB |\n| --- | ---: | ---: | ---: | ---: |")
-        for name, step, written in measured_steps(campaign, parent):
-            figures = f"{step.seconds:.1f} | {step.cpu_seconds:.1f} | {step.memory:.0f}"
+        for name, cost, written in measure_commands(campaign, parent):
+            figures = f"{cost.seconds:.1f} | {cost.cpu_seconds:.1f} | {cost.memory:.0f}"
             print(f"| {name} | {figures} | {written / 1e6:,.1f} |", flush=True)
 
 
@@ -181,12 +179,19 @@ def main() -> int:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("--tests", type=int, nargs="+", default=[10_000, 100_000], metavar="N")
-    parser.add_argument("--folder", type=Path, metavar="DIR")
+    parser.add_argument(
+        "--tests",
+        type=int,
+        nargs="+",
+        default=[10_000, 100_000],
+        metavar="N",
+        help="sizes of the campaigns",
+    )
+    parser.add_argument("--folder", type=Path, metavar="DIR", help="folder for the campaigns")
     parser.add_argument("--make", type=Path, help=argparse.SUPPRESS)
     options = parser.parse_args()
     if min(options.tests) < 1:
-        parser.error("--tests of at least 1 is needed")
+        parser.error("--tests must be at least 1")
     if options.make is not None:
         make_campaign(options.make, options.tests[0])
         return 0

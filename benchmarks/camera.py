@@ -1,9 +1,9 @@
-"""Cost of a camera's picture, and of each wrapper over the driver.
-
-Processor time in ms, the least of several rounds, since other programs disturb it; beside a drive
-of the default driver along the same road, without a camera.
+"""Cost of a camera's picture, and of each condition that changes the picture.
 
     python benchmarks/camera.py
+
+The figures are processor time in ms, the least of several rounds, because other programs disturb
+it. For comparison, the default driver drives along the same road without a camera.
 """
 
 from __future__ import annotations
@@ -21,29 +21,31 @@ from frenetic.plugins.vision.rendering import CameraRenderer
 
 ROAD = Road([0.0, 0.0, 0.03, 0.04, 0.0, -0.04, -0.05, -0.03, 0.0, 0.03, 0.05, 0.05, 0.0, 0.0])
 PICTURES = 40
+"""Number of pictures along the road."""
 ROUNDS = 8
 AMOUNTS = {"fog": 50.0, "rain": 10.0, "blur": 0.03, "light": 0.6, "grain": 10.0}
+"""Condition -> its amount, in the unit of `frenetic run --with`."""
 
 
 def least(work: Callable[[], object], times: int) -> float:
-    """Processor time of one call in ms, in the fastest round."""
-    work()
-    taken = []
+    """Return the processor time of a call in ms, in the fastest round."""
+    work()  # compiles
+    seconds = []
     for _ in range(ROUNDS):
         start = time.process_time()
         for _ in range(times):
             work()
-        taken.append((time.process_time() - start) / times)
-    return 1e3 * min(taken)
+        seconds.append((time.process_time() - start) / times)
+    return 1e3 * min(seconds)
 
 
 def main() -> None:
-    """Prints the table."""
+    """Measure, and print the costs."""
     driver = MarkingFollower()
-    places = [ROAD.pose_at(s) for s in np.linspace(0.0, ROAD.length - 10.0, PICTURES)]
+    poses = [ROAD.pose_at(s) for s in np.linspace(0.0, ROAD.length - 10.0, PICTURES)]
 
     def drawing(renderer: CameraRenderer) -> Callable[[], object]:
-        return lambda: [renderer.draw(*place) for place in places]
+        return lambda: [renderer.draw(*pose) for pose in poses]
 
     with EmbeddedSimulator() as simulator:
         drive = least(lambda: simulator.drive(ROAD, Planner()), 5)
@@ -53,12 +55,12 @@ def main() -> None:
     for name, scene in (("usual", Scene()), ("worn", Scene(seed=3, wear=0.5))):
         cost = least(drawing(CameraRenderer(ROAD, camera, scene)), 1) / PICTURES
         print(f"  {name:<12} {cost:.3f} ms")
-    laying = least(lambda: CameraRenderer(ROAD, camera), 5)
-    print(f"\nthe road's table for one drive  {laying:.3f} ms")
-    print("\na wrapper over the driver")
-    image = CameraRenderer(ROAD, camera).draw(*places[5])
-    nothing = np.empty((0, 2))
-    moment = Observation(1.0, 15.0, 0.3, 0.0, 0.0, 0.0, nothing, np.empty(0), 0.0, image)
+    table = least(lambda: CameraRenderer(ROAD, camera), 5)
+    print(f"\nthe table of the road's geometry for a drive  {table:.3f} ms")
+    print("\na condition that changes the picture")
+    image = CameraRenderer(ROAD, camera).draw(*poses[5])
+    no_points = np.empty((0, 2))
+    moment = Observation(1.0, 15.0, 0.3, 0.0, 0.0, 0.0, no_points, np.empty(0), 0.0, image)
     for name, amount in AMOUNTS.items():
         wrapper = appearance.ALL[name](driver, amount)
         cost = least(lambda wrapper=wrapper: wrapper.alter(image, moment), 10)  # type: ignore[misc]
