@@ -1,14 +1,14 @@
-"""Distinct failures that a search finds with and without foresight; all drives are counted.
+"""Distinct failures that a search finds with and without foresight; all drives count.
 
     python benchmarks/foresight.py --out RUNS [--seeds 1-5] [--simulations 200] [-- OPTIONS]
 
-Each seed searches twice, with the strategy ``frenetic`` and with ``foresight``, whose twin learns
-from the search's own drives. OPTIONS are those of ``frenetic run``, such as
+For each seed there are two searches: with the strategy ``frenetic``, and with ``foresight``, whose
+twin learns from the drives of the search. OPTIONS are options of ``frenetic run``, such as
 
     -- --simulator metadrive --driver metadrive-idm,target_speed=50 --criteria speed_limit=50
 
-Without any, `DRIVERS` are searched, one after the other. A run that is there is not run again, and
-one that was interrupted goes on.
+Without OPTIONS, the benchmark searches each of `DRIVERS`. Complete runs in the folder RUNS are not
+run again, and interrupted runs continue.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ STRATEGIES: Final = ("frenetic", "foresight")
 
 
 def search(folder: Path, options: list[str], strategy: str, seed: int, simulations: int) -> None:
-    """Runs a search to its end, unless it has ended."""
+    """Run a search to its end, unless it has ended."""
     words = ["run", *options, "--strategy", strategy, "--seed", str(seed)]
     words += ["--simulations", str(simulations), "--workers", "1", "--out", str(folder)]
     if (folder / "campaign.sqlite").is_file():
@@ -54,56 +54,59 @@ def search(folder: Path, options: list[str], strategy: str, seed: int, simulatio
 
 
 def compare(folder: Path, options: list[str], seeds: list[int], simulations: int) -> None:
-    """Searches with both strategies, and prints what they found."""
-    found: dict[str, list[tuple[int, int]]] = {strategy: [] for strategy in STRATEGIES}
+    """Search with both strategies, and print their failures."""
+    runs: dict[str, list[tuple[int, int]]] = {strategy: [] for strategy in STRATEGIES}
     for seed in seeds:
-        for strategy, numbers in found.items():
-            place = folder / f"{strategy}-{seed}"
-            search(place, options, strategy, seed, simulations)
-            with CampaignStore.open(place) as store:
+        for strategy, counts in runs.items():
+            run_folder = folder / f"{strategy}-{seed}"
+            search(run_folder, options, strategy, seed, simulations)
+            with CampaignStore.open(run_folder) as store:
                 distinct, failed = len(distinct_failures(store)), store.counts().failed
-                said = facts_text(store.fact(FACTS))
-            numbers.append((distinct, failed))
-            told = f"; {said}" if said else ""
-            text = f"seed {seed} {strategy}: {distinct} distinct of {failed} failures{told}"
-            print(text, flush=True)
-    for strategy, numbers in found.items():
-        words = [
-            f"{np.median(one):g} ({min(one)} to {max(one)}) {what}"
-            for what, one in zip(("distinct", "failures"), zip(*numbers, strict=True), strict=True)
+                twin_text = facts_text(store.fact(FACTS))
+            counts.append((distinct, failed))
+            text = f"seed {seed} {strategy}: {distinct} distinct of {failed} failures"
+            print(f"{text}; {twin_text}" if twin_text else text, flush=True)
+    for strategy, counts in runs.items():
+        columns = zip(("distinct", "failures"), zip(*counts, strict=True), strict=True)
+        texts = [
+            f"{np.median(values):g} ({min(values)} to {max(values)}) {name}"
+            for name, values in columns
         ]
-        print(f"{strategy}: median {', '.join(words)}")
-    without, foreseen = (sum(one for one, _ in found[strategy]) for strategy in STRATEGIES)
-    more = sum(with_it[0] > plain[0] for plain, with_it in zip(*found.values(), strict=True))
+        print(f"{strategy}: median {', '.join(texts)}")
+    plain_counts, foresight_counts = (
+        [distinct for distinct, _ in runs[strategy]] for strategy in STRATEGIES
+    )
+    ratio = sum(foresight_counts) / max(sum(plain_counts), 1)
+    more = sum(f > p for f, p in zip(foresight_counts, plain_counts, strict=True))
     print(
-        f"foresight finds {foreseen / max(without, 1):.2f} times as many distinct failures, more"
+        f"foresight finds {ratio:.2f} times as many distinct failures, more"
         f" with {more} of {len(seeds)} seeds",
         flush=True,
     )
 
 
 def seeds_of(text: str) -> list[int]:
-    """``1-3`` or ``1,5``."""
+    """Return the seeds of a text such as ``1-3`` or ``1,5``."""
     first, dash, last = text.partition("-")
-    return [*range(int(first), int(last) + 1)] if dash else [int(one) for one in text.split(",")]
+    return [*range(int(first), int(last) + 1)] if dash else [int(seed) for seed in text.split(",")]
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
-    parser.add_argument("--out", type=Path, required=True)
-    parser.add_argument("--seeds", type=seeds_of, default=seeds_of("1-5"))
-    parser.add_argument("--simulations", type=int, default=200)
-    words, options = sys.argv[1:], []
+    parser.add_argument("--out", type=Path, required=True, help="folder of the runs")
+    parser.add_argument("--seeds", type=seeds_of, default=seeds_of("1-5"), help="1-5 or 1,3")
+    parser.add_argument("--simulations", type=int, default=200, help="of a search")
+    words, run_options = sys.argv[1:], []
     if "--" in words:
-        words, options = words[: words.index("--")], words[words.index("--") + 1 :]
-    asked = parser.parse_args(words)
-    if options:
-        compare(asked.out, options, asked.seeds, asked.simulations)
+        words, run_options = words[: words.index("--")], words[words.index("--") + 1 :]
+    options = parser.parse_args(words)
+    if run_options:
+        compare(options.out, run_options, options.seeds, options.simulations)
         return
     for driver, law in DRIVERS.items():
         print(f"{driver}: {law}", flush=True)
-        folder = asked.out / driver.partition(",")[0]
-        compare(folder, ["--driver", driver], asked.seeds, asked.simulations)
+        folder = options.out / driver.partition(",")[0]
+        compare(folder, ["--driver", driver], options.seeds, options.simulations)
 
 
 if __name__ == "__main__":

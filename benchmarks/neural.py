@@ -1,11 +1,12 @@
-"""What a step of a drive costs with the driver `dave2`: physics, image and network.
+"""Cost of a step of a drive with the driver `dave2`: physics, image and network.
 
     python benchmarks/neural.py [--roads 20] [--seed 1] [--max-speed KMH]
 
-Drives random roads of the 200 m map, as the search `random` proposes them, on one core. A step is
-the time from one call of the driver to the next, 0.05 s of simulated time: the median over all
-steps of all drives. The image's share is what a step costs beyond the network and beyond a step of
-the same drive without a camera. Drives per second are per second of processor time.
+The benchmark drives random roads of the 200 m map, as the search `random` proposes them, on one
+core. The cost of a step is the time from one call of the driver to the next, 0.05 s of simulated
+time: the median over all steps of all drives. The cost of the image is the step's cost, less the
+cost of the network and of a step of the same drive without a camera. Drives per second are per
+second of processor time.
 """
 
 from __future__ import annotations
@@ -22,8 +23,8 @@ from frenetic.plugins.vision.neural import Dave2
 from frenetic.search.random_search import RandomRoads
 
 
-class Timed:
-    """A driver that notes when it is called and when it answers."""
+class TimedDriver:
+    """A driver around `Dave2` that records when it is called and when it answers."""
 
     def __init__(self, driver: Dave2) -> None:
         self.driver = driver
@@ -33,49 +34,49 @@ class Timed:
         self.controls: list[Controls] = []
 
     def reset(self, setup: DriveSetup) -> None:
-        """Prepares for the next drive."""
+        """Prepare for the next drive."""
         self.driver.reset(setup)
         self.calls, self.answers, self.controls = [], [], []
 
     def act(self, observation: Observation) -> Controls:
-        """The driver's controls."""
+        """Return the controls of the driver inside."""
         self.calls.append(time.perf_counter())
         self.controls.append(self.driver.act(observation))
         self.answers.append(time.perf_counter())
         return self.controls[-1]
 
 
-class Again:
-    """A driver without a camera that repeats a drive's controls, and notes when it is called."""
+class RepeatingDriver:
+    """A driver without a camera that repeats recorded controls, and records when it is called."""
 
     def __init__(self, controls: list[Controls]) -> None:
         self._controls = controls
         self.calls: list[float] = []
 
     def reset(self, _: DriveSetup) -> None:
-        """Prepares for the next drive."""
+        """Prepare for the next drive."""
         self.calls = []
 
     def act(self, _: Observation) -> Controls:
-        """The recorded controls."""
+        """Return the next recorded controls."""
         self.calls.append(time.perf_counter())
         return self._controls[len(self.calls) - 1]
 
 
 def gaps(calls: list[float]) -> list[float]:
-    """Time from each call to the next, in ms."""
+    """Return the times from each call to the next, in ms."""
     return [1e3 * (later - call) for call, later in pairwise(calls)]
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
-    parser.add_argument("--roads", type=int, default=20)
-    parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--max-speed", type=float)
-    given = parser.parse_args()
-    network = Dave2() if given.max_speed is None else Dave2(max_speed=given.max_speed)
-    timed, simulator = Timed(network), EmbeddedSimulator()
-    roads = list(islice(RandomRoads().valid(np.random.default_rng(given.seed)), given.roads))
+    parser.add_argument("--roads", type=int, default=20, help="number of roads")
+    parser.add_argument("--seed", type=int, default=1, help="seed of the roads")
+    parser.add_argument("--max-speed", type=float, metavar="KMH", help="option of the driver")
+    options = parser.parse_args()
+    network = Dave2() if options.max_speed is None else Dave2(max_speed=options.max_speed)
+    timed, simulator = TimedDriver(network), EmbeddedSimulator()
+    roads = list(islice(RandomRoads().valid(np.random.default_rng(options.seed)), options.roads))
     simulator.drive(roads[0], timed)  # compiles
     steps: list[float] = []
     inference: list[float] = []
@@ -89,9 +90,9 @@ def main() -> None:
         steps += gaps(timed.calls)
         pairs = zip(timed.calls, timed.answers, strict=True)
         inference += [1e3 * (answer - call) for call, answer in pairs]
-        again = Again(timed.controls)
-        simulator.drive(road, again)
-        physics += gaps(again.calls)
+        repeating = RepeatingDriver(timed.controls)
+        simulator.drive(road, repeating)
+        physics += gaps(repeating.calls)
     whole, network_ms, physics_ms = median(steps), median(inference), median(physics)
     camera = network.camera
     print(f"image of {camera.width} x {camera.height} pixels, {len(steps)} steps, medians in ms")

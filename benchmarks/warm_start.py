@@ -2,12 +2,12 @@
 
     python benchmarks/warm_start.py [--simulations 200] [--earlier 200] [--seeds 101-106]
 
-Each pair is a driver and its next version. For each seed, the driver is searched once with the next
-seed, in a campaign of ``--earlier`` simulations. Its next version is then searched twice, with the
-same seed and budget: afresh, and starting from that campaign. *New* are distinct failures of which
-none differs by at most 2 m from a failure of the earlier campaign, by the marks of the warm start
-itself (`Cluster.was_known`). All drives are in the embedded simulator, ordered as with ``--seed``;
-the table holds medians.
+Each pair is a driver and its next version. For each seed, an earlier campaign of ``--earlier``
+simulations searches the driver, with the seed that follows. Two campaigns then search the next
+version, with the same seed and budget: one afresh, one with a warm start from the earlier campaign.
+A distinct failure is *new* if all its failures differ by more than 2 m from every failure of the
+earlier campaign, as the warm start itself marks failures (`Cluster.was_known`). All drives are in
+the embedded simulator, ordered as with ``--seed``. The table gives medians.
 """
 
 from __future__ import annotations
@@ -52,19 +52,20 @@ PAIRS: Final[tuple[tuple[str, Driver, str, Driver], ...]] = (
 
 
 @dataclass(frozen=True)
-class Found:
-    """What a campaign found."""
+class SearchResult:
+    """Failures of a campaign."""
 
     distinct: int
     known: int
+    """Distinct failures that the earlier campaign knew."""
     to_first: int
-    """Simulations to the first failure, one more than all of them without one."""
+    """Simulations to the first failure; without failures, one more than all simulations."""
 
 
 def search(
     folder: Path, driver: Driver, seed: int, simulations: int, start_from: tuple[Path, ...] = ()
-) -> Found:
-    """Searches in a folder."""
+) -> SearchResult:
+    """Run a campaign in a folder, and count its failures."""
     Campaign(
         strategy=Frenetic(seed=seed),
         simulator=EmbeddedSimulator(),
@@ -76,34 +77,38 @@ def search(
     ).run()
     with CampaignStore.open(folder) as store:
         clusters = distinct_failures(store)
-        told = [test.result_number for test in store.tests(Outcome.FAIL, limit=1)]
-    return Found(len(clusters), clusters.known, (told or [simulations + 1])[0])
+        first_failure = [test.result_number for test in store.tests(Outcome.FAIL, limit=1)]
+    to_first = (first_failure or [simulations + 1])[0]
+    return SearchResult(len(clusters), clusters.known, to_first)
 
 
 def main() -> None:
-    """Prints the table."""
+    """Run all campaigns, and print the table."""
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
-    parser.add_argument("--simulations", type=int, default=200)
-    parser.add_argument("--earlier", type=int, default=200, help="simulations of the earlier one")
-    parser.add_argument("--seeds", default="101-106")
-    given = parser.parse_args()
-    first, _, last = given.seeds.partition("-")
+    parser.add_argument("--simulations", type=int, default=200, help="of a search")
+    parser.add_argument(
+        "--earlier", type=int, default=200, help="simulations of the earlier campaign"
+    )
+    parser.add_argument("--seeds", default="101-106", help="first and last seed")
+    options = parser.parse_args()
+    first, _, last = options.seeds.partition("-")
     seeds = range(int(first), int(last or first) + 1)
-    print("| driver | next version | afresh | with `--from` | new ones of these | to the first |")
+    print("| driver | next version | without `--from` | with it | of these, new | to the first |")
     print("| --- | --- | --- | --- | --- | --- |")
     for name, driver, next_name, version in PAIRS:
         afresh, warm = [], []
         for seed in seeds:
             with tempfile.TemporaryDirectory() as parent:
                 old = Path(parent, "old")
-                search(old, driver, seed + 1, given.earlier)
-                afresh.append(search(Path(parent, "afresh"), version, seed, given.simulations))
-                warm.append(search(Path(parent, "warm"), version, seed, given.simulations, (old,)))
+                search(old, driver, seed + 1, options.earlier)
+                simulations = options.simulations
+                afresh.append(search(Path(parent, "afresh"), version, seed, simulations))
+                warm.append(search(Path(parent, "warm"), version, seed, simulations, (old,)))
         cells = (
-            f"{median(one.distinct for one in afresh):g}",
-            f"{median(one.distinct for one in warm):g}",
-            f"{median(one.distinct - one.known for one in warm):g}",
-            " and ".join(f"{median(one.to_first for one in some):g}" for some in (afresh, warm)),
+            f"{median(run.distinct for run in afresh):g}",
+            f"{median(run.distinct for run in warm):g}",
+            f"{median(run.distinct - run.known for run in warm):g}",
+            " and ".join(f"{median(run.to_first for run in runs):g}" for runs in (afresh, warm)),
         )
         print(f"| {name} | {next_name} | {' | '.join(cells)} |", flush=True)
 

@@ -2,18 +2,17 @@
 
     python benchmarks/workers.py
     python benchmarks/workers.py --workers 1 2 4 8 --simulations 5000
-
-Campaigns of the same seed, one after the other in turns, with each number of workers: in one
-process for 1, in processes of their own otherwise. `random` proposes the same roads whatever the
-number of workers; `frenetic` is asked 16 ahead, so it does the same work, too. The time is that
-from the first worker's being ready to the last result; starting is given beside it. The second
-ratio is the median of those within each round.
-
-The second table is for one worker: the share of that time which is spent on storing.
-
     python benchmarks/workers.py --pools
 
-drives the same random roads with our local workers and with Python's own pools.
+Campaigns of the same seed run with each number of workers, in turns. One worker runs in the
+campaign's process, more workers run in processes of their own. All campaigns do the same work:
+`random` proposes the same roads for any number of workers, and `frenetic` always has 16 roads in
+flight. The time runs from the first ready worker to the last result; the time to start stands
+beside it. The second ratio is the median of the ratios within a round.
+
+The second table gives the share of this time that one worker spends on storing.
+
+``--pools`` drives the same random roads with our local workers and with Python's own pools.
 """
 
 from __future__ import annotations
@@ -43,14 +42,14 @@ STRATEGIES_MEASURED = ("random", "frenetic")
 R = TypeVar("R")
 
 
-class Measured(NamedTuple):
-    """One campaign."""
+class CampaignTime(NamedTuple):
+    """Tests and times of a campaign."""
 
     tests: int
     seconds: float
     """Time from the first ready worker to the last result, in s."""
     starting: float
-    """Time before that, in s."""
+    """Time before the first worker was ready, in s."""
 
     @property
     def rate(self) -> float:
@@ -58,7 +57,8 @@ class Measured(NamedTuple):
         return self.tests / self.seconds
 
 
-def measure(strategy: str, workers: int, simulations: int) -> Measured:
+def measure(strategy: str, workers: int, simulations: int) -> CampaignTime:
+    """Run a campaign, and return its times."""
     marks: list[float] = []
     with tempfile.TemporaryDirectory() as folder:
         campaign = Campaign(
@@ -80,22 +80,22 @@ def measure(strategy: str, workers: int, simulations: int) -> Measured:
 
         begin = time.perf_counter()
         summary = campaign.run(on_event=note)
-    return Measured(summary.tests, last - marks[0], marks[0] - begin)
+    return CampaignTime(summary.tests, last - marks[0], marks[0] - begin)
 
 
 class StoringTime:
-    """Adds up the time spent in the methods of a campaign's store that write."""
+    """Sum of the time spent in the methods of a campaign's store that write."""
 
     def __init__(self) -> None:
         self.seconds = 0.0
 
     def timed(self, method: Callable[..., R]) -> Callable[..., R]:
-        """The same method, whose time is added up."""
+        """Return the method, with its time added to the sum."""
 
-        def call(*arguments: Any, **named: Any) -> R:
+        def call(*arguments: Any, **options: Any) -> R:
             begin = time.perf_counter()
             try:
-                return method(*arguments, **named)
+                return method(*arguments, **options)
             finally:
                 self.seconds += time.perf_counter() - begin
 
@@ -103,25 +103,26 @@ class StoringTime:
 
 
 def storing_share(strategy: str, simulations: int) -> float:
+    """Return the share of a campaign's time that its store takes to write."""
     storing = StoringTime()
-    names = ("asked", "told", "write")
+    names = ("add_candidate", "add_result", "write")
     methods = {name: getattr(CampaignStore, name) for name in names}
     try:
         for name, method in methods.items():
             setattr(CampaignStore, name, storing.timed(method))
-        measured = measure(strategy, 1, simulations)
+        campaign_time = measure(strategy, 1, simulations)
     finally:
         for name, method in methods.items():
             setattr(CampaignStore, name, method)
-    return storing.seconds / measured.seconds
+    return storing.seconds / campaign_time.seconds
 
 
 def attempts_of_local_workers(
     tester: RoadTester, candidates: Sequence[Candidate], count: int
 ) -> Iterator[Attempt | None]:
-    """None when all is ready, then the attempts of our own workers."""
+    """Yield None when all workers are ready, then the attempts of our local workers."""
     waiting = list(reversed(candidates))
-    done = 0
+    returned = 0
     with (
         tempfile.TemporaryDirectory() as folder,
         CampaignLog(Path(folder)) as log,
@@ -130,32 +131,34 @@ def attempts_of_local_workers(
         while not workers.free:
             workers.wait(1.0)
         yield None
-        while done < len(candidates):
+        while returned < len(candidates):
             while waiting and workers.free:
                 workers.submit(waiting.pop())
             attempts = workers.wait(1.0)
-            done += len(attempts)
+            returned += len(attempts)
             yield from attempts
 
 
 worker_tester: RoadTester
-"""That of a pool's process."""
+"""The tester of this process, if it is a process of a pool."""
 
 
 def prepare_worker(tester: RoadTester) -> None:
+    """Load the kernels and store the tester, in a process of a pool."""
     global worker_tester
     compile_kernels()
     worker_tester = tester
 
 
 def attempt_in_worker(candidate: Candidate) -> Attempt:
+    """Test a candidate, in a process of a pool."""
     return worker_tester.attempt(candidate)
 
 
 def attempts_of_executor(
     tester: RoadTester, candidates: Sequence[Candidate], count: int
 ) -> Iterator[Attempt | None]:
-    """The same of a `concurrent.futures.ProcessPoolExecutor`."""
+    """Yield None when all is ready, then the attempts of a `ProcessPoolExecutor`."""
     context = multiprocessing.get_context("spawn")
     with ProcessPoolExecutor(count, context, prepare_worker, (tester,)) as executor:
         list(executor.map(attempt_in_worker, candidates[: 2 * count]))
@@ -167,7 +170,7 @@ def attempts_of_executor(
 def attempts_of_pool(
     tester: RoadTester, candidates: Sequence[Candidate], count: int
 ) -> Iterator[Attempt | None]:
-    """The same of a `multiprocessing.Pool`."""
+    """Yield None when all is ready, then the attempts of a `multiprocessing.Pool`."""
     context = multiprocessing.get_context("spawn")
     with context.Pool(count, prepare_worker, (tester,)) as pool:
         pool.map(attempt_in_worker, candidates[: 2 * count], 1)
@@ -176,7 +179,7 @@ def attempts_of_pool(
 
 
 def compare_pools(count: int, simulations: int, rounds: int) -> None:
-    """Drives the same roads in each kind of worker; prints rates and costs here, per test."""
+    """Drive the same roads with each kind of worker; print rates and this process's cost."""
     strategy = STRATEGIES.make("random", seed=SEED)
     candidates = [strategy.ask() for _ in range(simulations)]
     tester = RoadTester(EmbeddedSimulator(), Planner())
@@ -190,19 +193,19 @@ def compare_pools(count: int, simulations: int, rounds: int) -> None:
         for _ in range(rounds):
             attempts = kind(tester, candidates, count)
             next(attempts)
-            start, spent = time.perf_counter(), time.process_time()
-            driven = sum(1 for _ in attempts)
-            spent = time.process_time() - spent
-            assert driven == simulations
+            start, cpu_start = time.perf_counter(), time.process_time()
+            roads = sum(1 for _ in attempts)
+            cpu_seconds = time.process_time() - cpu_start
+            assert roads == simulations
             rates.append(simulations / (time.perf_counter() - start))
-            costs.append(1e3 * spent / simulations)
+            costs.append(1e3 * cpu_seconds / simulations)
         print(f"{name:<22}{max(rates):>14.0f}{min(costs):>30.3f}")
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
-    parser.add_argument("--workers", type=int, nargs="+", default=[1, 2])
-    parser.add_argument("--simulations", type=int, default=3000)
+    parser.add_argument("--workers", type=int, nargs="+", default=[1, 2], help="numbers of workers")
+    parser.add_argument("--simulations", type=int, default=3000, help="of a campaign")
     parser.add_argument("--rounds", type=int, default=5)
     parser.add_argument("--pools", action="store_true", help="compare with Python's own pools")
     options = parser.parse_args()
@@ -223,7 +226,7 @@ def main() -> None:
         for n in options.workers:
             rates = [results[n].rate for results in rounds]
             best = max(results[first].rate for results in rounds)
-            # Within a round, since the machine may be slower in another one.
+            # The ratio of a round: the machine may be slower in another round.
             ratio = statistics.median(results[n].rate / results[first].rate for results in rounds)
             starting = min(results[n].starting for results in rounds)
             print(
