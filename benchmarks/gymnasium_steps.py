@@ -1,23 +1,23 @@
-"""Steps per second of environments of Gymnasium: ours beside MetaDrive's and HighwayEnv's.
+"""Steps per second of Gymnasium environments: ours beside MetaDrive's and HighwayEnv's.
 
     pip install -e ".[benchmarks,gym,metadrive]"
     python benchmarks/gymnasium_steps.py [--steps 20000] [--rounds 3] [--cars 16 256]
 
-Each is what trains lane keeping without pictures or traffic there:
+Each package has an environment for lane keeping without pictures or traffic:
 
 frenetic     `frenetic/LaneKeeping-v0`: random roads of about 200 m, a vector of 26 numbers
 metadrive    `MetaDriveEnv` without traffic and lidar: 100 generated maps, a vector
 highway-env  `lane-keeping-v0`: a winding lane, state and reference as vectors, steering only
 
-All get the same actions: a little random steering and some throttle. Episodes that end are reset,
-and resets count. The steps differ in simulated time, so the table has, beside steps per second of
-CPU time, the simulated seconds per second of CPU time. ``cars`` is the number of cars that step
-together: ours in one compiled call (`gymnasium.make_vec`), HighwayEnv's one by one in Gymnasium's
-`SyncVectorEnv`. MetaDrive's engine exists once in a process, so that it has no such form; with
-`AsyncVectorEnv`, a car is a process, which costs at least the CPU time of a single one.
+All environments get the same actions: a little random steering and some throttle. Episodes that end
+are reset, and resets count. A step's simulated time differs, so the table gives both steps and
+simulated seconds per second of CPU time. ``cars`` is the number of cars that step together: our
+cars in one compiled call (`gymnasium.make_vec`), HighwayEnv's one by one in Gymnasium's
+`SyncVectorEnv`. MetaDrive's engine can exist only once in a process, so several MetaDrive cars need
+`AsyncVectorEnv`, with a process for each car: each costs at least the CPU time of a single car.
 
-Each measurement is a process of its own, and they take turns. The table shows the best round, and
-how many times as many steps ours take with as many cars.
+Each measurement runs in a process of its own, in turns. The table shows the best round. The last
+column divides the steps of our environment, with as many cars, by the steps of the row.
 """
 
 from __future__ import annotations
@@ -37,16 +37,18 @@ import numpy as np
 
 
 class Peer(NamedTuple):
-    """An environment."""
+    """An environment of a package."""
 
     package: str
-    """Its distribution."""
+    """Name of the package on PyPI."""
     step: float
     """Simulated time of a step, in s."""
-    share: int
-    """One in so many of the asked steps is measured: it is slower."""
+    divisor: int
+    """Divisor of the number of measured steps: slower environments take fewer steps."""
     make: Callable[[], gymnasium.Env[Any, Any]]
+    """Return the environment with one car."""
     make_vec: Callable[[int], gymnasium.vector.VectorEnv[Any, Any, Any]] | None
+    """Return the environment with several cars; None if there is none."""
 
 
 def make_ours() -> gymnasium.Env[Any, Any]:
@@ -58,12 +60,12 @@ def make_ours_together(cars: int) -> gymnasium.vector.VectorEnv[Any, Any, Any]:
 
 
 def make_metadrive() -> gymnasium.Env[Any, Any]:
-    from metadrive import MetaDriveEnv  # another measurement needs it not
+    from metadrive import MetaDriveEnv  # here: the processes of the other packages do not need it
     from metadrive.engine.base_engine import BaseEngine
 
-    # Without pictures it needs none of the assets that it would download.
+    # Without pictures MetaDrive does not need the assets that it would download.
     BaseEngine.try_pull_asset = staticmethod(lambda: None)
-    made: gymnasium.Env[Any, Any] = MetaDriveEnv(
+    env: gymnasium.Env[Any, Any] = MetaDriveEnv(
         {
             "use_render": False,
             "traffic_density": 0.0,
@@ -72,11 +74,11 @@ def make_metadrive() -> gymnasium.Env[Any, Any]:
             "vehicle_config": {"lidar": {"num_lasers": 0, "distance": 0.0}},
         }
     )
-    return made
+    return env
 
 
 def make_highway() -> gymnasium.Env[Any, Any]:
-    import highway_env  # another measurement needs it not
+    import highway_env  # here: the processes of the other packages do not need it
 
     gymnasium.register_envs(highway_env)
     return gymnasium.make("lane-keeping-v0")
@@ -94,7 +96,7 @@ PEERS: Final = {
 
 
 def actions_of(shape: tuple[int, ...]) -> np.ndarray[Any, Any]:
-    """Actions for a thousand steps: steering a little, and some throttle if there is a pedal."""
+    """Return actions for a thousand steps: a little steering, and throttle if there is a pedal."""
     rng = np.random.default_rng(1)
     actions = rng.normal(0.0, 0.05, (1000, *shape)).astype(np.float32)
     if shape[-1] == 2:
@@ -103,13 +105,13 @@ def actions_of(shape: tuple[int, ...]) -> np.ndarray[Any, Any]:
 
 
 def measure(name: str, cars: int, steps: int) -> float:
-    """Steps of all cars per s of CPU time."""
+    """Return the steps of all cars per s of CPU time."""
     peer = PEERS[name]
     if cars == 1:
         env = peer.make()
         actions = actions_of(env.action_space.shape or ())
         env.reset(seed=1)
-        env.step(actions[0])  # what is compiled and loaded once
+        env.step(actions[0])  # compiles and loads
         env.reset()
         begin = time.process_time()
         for i in range(steps):
@@ -129,20 +131,22 @@ def measure(name: str, cars: int, steps: int) -> float:
     return rounds * cars / (time.process_time() - begin)
 
 
-def measure_apart(name: str, cars: int, steps: int) -> float:
-    """`measure` in a process of its own."""
+def measure_in_process(name: str, cars: int, steps: int) -> float:
+    """Run `measure` in a process of its own."""
     command = [sys.executable, __file__, "--measure", name, str(cars), str(steps)]
-    done = subprocess.run(command, capture_output=True, text=True, check=False)
-    if done.returncode:
-        raise SystemExit(f"{name} with {cars} cars: {done.stderr[-2000:]}")
-    return float(json.loads(done.stdout.splitlines()[-1]))
+    completed = subprocess.run(command, capture_output=True, text=True, check=False)
+    if completed.returncode:
+        raise SystemExit(f"{name} with {cars} cars: {completed.stderr[-2000:]}")
+    return float(json.loads(completed.stdout.splitlines()[-1]))
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
-    parser.add_argument("--steps", type=int, default=20_000)
+    parser.add_argument("--steps", type=int, default=20_000, help="of a measurement")
     parser.add_argument("--rounds", type=int, default=3)
-    parser.add_argument("--cars", type=int, nargs="+", default=[16, 256])
+    parser.add_argument(
+        "--cars", type=int, nargs="+", default=[16, 256], help="numbers of cars, beside 1"
+    )
     parser.add_argument("--measure", nargs=3, help=argparse.SUPPRESS)
     options = parser.parse_args()
     if options.measure:
@@ -158,9 +162,9 @@ def main() -> None:
     best = dict.fromkeys(kinds, 0.0)
     for _ in range(options.rounds):
         for name, cars in kinds:
-            steps = max(options.steps // PEERS[name].share, 100)
-            best[name, cars] = max(best[name, cars], measure_apart(name, cars, steps))
-    print(f"{'environment':<22}{'cars':>5}{'steps/s':>10}{'simulated s/s':>15}{'ours':>9}")
+            steps = max(options.steps // PEERS[name].divisor, 100)
+            best[name, cars] = max(best[name, cars], measure_in_process(name, cars, steps))
+    print(f"{'environment':<22}{'cars':>5}{'steps/s':>10}{'simulated s/s':>15}{'ratio':>9}")
     for (name, cars), rate in best.items():
         label = f"{name} {version(PEERS[name].package)}"
         simulated = rate * PEERS[name].step

@@ -1,20 +1,21 @@
-"""Minimising: how much shorter and plainer failing roads become, and its cost.
+"""How much shorter and plainer failing roads become by minimising, and what minimising costs.
 
     python benchmarks/minimise.py [--seeds 5] [--failures 10] [--simulations 1000]
         [--max-drives 500] [--driver planner] [--json FILE]
 
-Every seed 1 .. N is a search with the strategy `frenetic-2021` in the embedded simulator, with its
-default rules on the default map. Of each search, so many failures are minimised, evenly spaced in
-the order of finding. The same call prints the same figures on the same machine, but for the time.
+For each seed 1 .. N, the strategy `frenetic-2021` searches in the embedded simulator, with the
+default rules on the default map. Of each search, `--failures` failures are minimised, evenly spaced
+in the order in which they were found. The same call prints the same figures on the same machine,
+except times.
 
-Every result is driven again by a simulator and driver of its own. The benchmark ends with an error
-if one of them does not have the failure of the original.
+A new simulator and driver drive every minimised road once more. The benchmark ends with an error if
+a minimised road does not have the failure of its original.
 
-length share    length of the minimised road by that of the original
-difference      m, of the failure from the original's, as of distinct failures
+length share    length of the minimised road, per length of the original
+difference      of the two roads' failures in m, as for distinct failures
 still fails     share of the roads that fail for the same reason when something changes: all
-                curvatures, the friction, the speed limit, the driver's noise (five seeds), or every
-                curvature on its own by up to 0.001 1/m (five draws)
+                curvatures, the friction, the speed limit, the driver's noise (five seeds), or each
+                curvature by its own value up to 0.001 1/m (five draws)
 """
 
 from __future__ import annotations
@@ -46,12 +47,12 @@ from frenetic.simulators import EmbeddedSimulator, Rules
 from frenetic.testing import converse
 
 Change = Callable[[Road], "FailureReason | None"]
-"""Drives a road when something is different."""
+"""Function that changes something, drives a road, and returns why the drive failed."""
 
 
 @dataclass(frozen=True)
 class Spread:
-    """One figure over all failures."""
+    """Quartiles and extremes of a figure over all failures."""
 
     least: float
     lower: float
@@ -63,7 +64,7 @@ class Spread:
 
     @classmethod
     def of(cls, values: Sequence[float]) -> Spread:
-        """The spread of some values."""
+        """Return the spread of values."""
         return cls(*(float(v) for v in np.quantile(values, [0.0, 0.25, 0.5, 0.75, 1.0])))
 
 
@@ -80,33 +81,33 @@ class Figures:
     drives: Spread
     seconds: Spread
     minimal: float
-    """Share of the roads of which no pass makes a smaller one."""
+    """Share of the roads that no pass makes smaller."""
     difference: Spread
-    """m."""
+    """Difference of the failures of original and minimised road, in m."""
     different: int
-    """Minimised roads that are not equal."""
+    """Number of different minimised roads."""
 
 
 def find_failures(seed: int, simulations: int, driver: Driver, number: int) -> list[Road]:
-    """So many failing roads of a search, evenly spaced in the order of finding."""
+    """Return `number` failing roads of a search, evenly spaced in the order of finding."""
     tester = RoadTester(EmbeddedSimulator(), driver)
-    found: list[Road] = []
+    failing: list[Road] = []
 
     def verdict(candidate: Candidate) -> tuple[Outcome, float | None]:
         result = tester.test(candidate).result
         if result.outcome is Outcome.FAIL:
-            found.append(Road(candidate.curvatures, candidate.step))
+            failing.append(Road(candidate.curvatures, candidate.step))
         return result.outcome, result.moobd
 
     converse(Frenetic2021(seed=seed), verdict, simulations)
-    count = min(number, len(found))
-    return [found[i * len(found) // count] for i in range(count)]
+    count = min(number, len(failing))
+    return [failing[i * len(failing) // count] for i in range(count)]
 
 
 def measure(
     roads: Sequence[Road], driver: Driver, max_drives: int
 ) -> tuple[Figures, list[Minimised]]:
-    """Minimises all roads and checks each result with a fresh simulator."""
+    """Minimise all roads, and check each result with a new simulator."""
     tester = RoadTester(EmbeddedSimulator(), driver)
     results, seconds = [], []
     for road in roads:
@@ -136,7 +137,7 @@ def measure(
 
 
 def failure_reason(road: Road, drive: Drive) -> FailureReason | None:
-    """Reason why a drive failed; None if it passed."""
+    """Return the reason why a drive failed; None if it passed."""
     result = judge(road, drive)
     if result.outcome is not Outcome.FAIL:
         return None
@@ -144,7 +145,7 @@ def failure_reason(road: Road, drive: Drive) -> FailureReason | None:
 
 
 def has_same_failure(minimised: Minimised, drive: Drive) -> bool:
-    """Whether a drive on the minimised road has the failure of the original."""
+    """Return whether a drive on the minimised road has the failure of the original."""
     before = Failure.of_test(minimised.original)
     result = judge(minimised.road, drive)
     segment = segment_of(minimised.road, drive, result.finding)
@@ -154,7 +155,7 @@ def has_same_failure(minimised: Minimised, drive: Drive) -> bool:
 
 
 def changes(make_driver: Callable[[], Driver]) -> dict[str, list[Change]]:
-    """Changes, each in one or several ways."""
+    """Return changes by name, each with one or several variants."""
 
     def reason(road: Road, simulator: EmbeddedSimulator, driver: Driver) -> FailureReason | None:
         return failure_reason(road, simulator.drive(road, driver))
@@ -195,20 +196,22 @@ def changes(make_driver: Callable[[], Driver]) -> dict[str, list[Change]]:
     }
 
 
-def still_failing(roads: Sequence[tuple[Road, FailureReason]], ways: Sequence[Change]) -> float:
-    """Share of the drives that fail for the same reason."""
-    return float(np.mean([way(road) is reason for road, reason in roads for way in ways]))
+def still_failing(roads: Sequence[tuple[Road, FailureReason]], variants: Sequence[Change]) -> float:
+    """Return the share of the drives that fail for the same reason."""
+    return float(
+        np.mean([variant(road) is reason for road, reason in roads for variant in variants])
+    )
 
 
 def main() -> None:
-    """Measures and prints."""
+    """Measure, and print the figures."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--seeds", type=int, default=5)
+    parser.add_argument("--seeds", type=int, default=5, help="number of searches")
     parser.add_argument("--failures", type=int, default=10, help="of each search")
-    parser.add_argument("--simulations", type=int, default=1000)
-    parser.add_argument("--max-drives", type=int, default=MAX_DRIVES)
+    parser.add_argument("--simulations", type=int, default=1000, help="of each search")
+    parser.add_argument("--max-drives", type=int, default=MAX_DRIVES, help="to minimise a road")
     parser.add_argument("--driver", default="planner")
-    parser.add_argument("--json", type=Path)
+    parser.add_argument("--json", type=Path, help="file for the figures")
     options = parser.parse_args()
 
     def make_driver() -> Driver:
@@ -236,10 +239,10 @@ def main() -> None:
     print(f"minimal {figures.minimal:.0%}, different roads {figures.different}\n")
     print(f"{'still fails with':36}{'original':>10}{'minimised':>10}")
     still_fails = {}
-    for name, ways in changes(make_driver).items():
+    for name, variants in changes(make_driver).items():
         shares = [
-            still_failing([(r.original.road, r.reason) for r in results], ways),
-            still_failing([(r.road, r.reason) for r in results], ways),
+            still_failing([(r.original.road, r.reason) for r in results], variants),
+            still_failing([(r.road, r.reason) for r in results], variants),
         ]
         still_fails[name] = shares
         print(f"{name:36}" + "".join(f"{share:10.0%}" for share in shares))

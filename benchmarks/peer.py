@@ -2,25 +2,26 @@
 
     python benchmarks/peer.py [--simulations 250] [--rounds 5] [--seed 1] [--peer-python PATH]
 
-freneticlib (PyPI) is the published library of the same algorithm. Its loop is the one of its own
-example: `BicycleExecutor` (a kinematic bicycle with a PID driver, 10 records per simulated second),
-roads of 30 +- 5 values 10 m apart, one fifth of the simulations random, then mutation and
-crossover. Its validator is off and nothing is written to disk, as in the example; its log is
-silent.
+freneticlib (PyPI) is the published library of the same algorithm. It runs with the settings of its
+own example: `BicycleExecutor` (a kinematic bicycle with a PID driver, 10 records per simulated
+second), roads of 30 +- 5 values 10 m apart, one fifth of the simulations random, then mutation and
+crossover. As in the example, freneticlib validates no road and writes nothing to disk. Its log is
+switched off.
 
-Ours is `Campaign` with the strategy `frenetic-2021`, the embedded simulator and the default driver:
-every road is fitted into the map and checked by the competition's rules, and every test goes into
-the campaign's database with its trajectory. It runs twice: on the default map of 200 m, where roads
-have 20 +- 5 values, and on a map of 300 m, where they are as long as the example's.
+Frenetic runs a `Campaign` with the strategy `frenetic-2021`, the embedded simulator and the default
+driver: every road is fitted into the map and checked by the competition's rules, and every test
+goes into the campaign's database with its trajectory. Frenetic runs on two maps: on the default map
+of 200 m, where roads have 20 +- 5 values, and on a map of 300 m, where roads are as long as those
+of freneticlib's example.
 
-Each measurement is a process of its own, and they take turns; each round has another seed. The
-table shows the best round and the median one by wall time, and the best one by CPU time. Importing
-and compiling happen before the clock starts. A rate is simulations by time, so roads that are
-refused add to our time and not to our count. Our drives end where the car has left its lane, those
-of freneticlib always at the road's end.
+Each measurement runs in a process of its own, in turns; each round has another seed. The table
+shows the best and the median round by wall time, and the best round by CPU time. Importing and
+compiling happen before the clock starts. A rate is simulations per time, so refused roads cost
+Frenetic time but do not count. Frenetic's drives end where the car has left its lane, freneticlib's
+drives always at the road's end.
 
-freneticlib comes with the extra `bench`; if it lives in another environment, --peer-python names
-that environment's interpreter.
+freneticlib comes with the extra `benchmarks`. If freneticlib is in another environment, name that
+environment's Python by --peer-python.
 """
 
 from __future__ import annotations
@@ -33,7 +34,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from importlib.metadata import version
 from pathlib import Path
 from statistics import median
@@ -48,36 +49,36 @@ WARM_UP: Final = 5
 
 
 @dataclass(frozen=True)
-class Measured:
-    """One search."""
+class SearchTime:
+    """Times of a search."""
 
     simulations: int
     wall: float
-    """In s."""
+    """Wall time, in s."""
     cpu: float
-    """In s."""
+    """CPU time, in s."""
     road_length: float
     """Mean length of all driven roads, in m."""
 
 
 @dataclass(frozen=True)
 class Contestant:
-    """A contestant."""
+    """A search library with its settings."""
 
     name: str
-    run: Callable[[int, int], Measured]
-    """(simulations, seed) -> its result."""
+    run: Callable[[int, int], SearchTime]
+    """Run a search: (simulations, seed) -> its times."""
 
 
-def measure(search: Callable[[], tuple[int, float]]) -> Measured:
-    """A search by wall and CPU time; it returns its simulations and mean road length."""
+def measure(search: Callable[[], tuple[int, float]]) -> SearchTime:
+    """Time a search, which returns its number of simulations and mean road length."""
     wall, cpu = time.perf_counter(), time.process_time()
     simulations, length = search()
-    return Measured(simulations, time.perf_counter() - wall, time.process_time() - cpu, length)
+    return SearchTime(simulations, time.perf_counter() - wall, time.process_time() - cpu, length)
 
 
-def run_peer(simulations: int, seed: int) -> Measured:
-    """A search of freneticlib with the settings of its example."""
+def run_peer(simulations: int, seed: int) -> SearchTime:
+    """Run a search of freneticlib with the settings of its example."""
     from freneticlib.core.core import FreneticCore
     from freneticlib.core.mutation.crossovers import ChooseRandomCrossoverOperator
     from freneticlib.core.mutation.mutators import FreneticMutator
@@ -89,7 +90,7 @@ def run_peer(simulations: int, seed: int) -> Measured:
     from freneticlib.utils.random import reset_rng
 
     if (installed := version(PEER)) != PEER_VERSION:
-        raise RuntimeError(f"{PEER} {installed} is installed, {PEER_VERSION} is meant")
+        raise RuntimeError(f"{PEER} {installed} is installed, {PEER_VERSION} is needed")
     logging.disable(logging.CRITICAL)
     step = 10.0
 
@@ -103,8 +104,8 @@ def run_peer(simulations: int, seed: int) -> Measured:
             mutator=FreneticMutator(),
             crossover=ChooseRandomCrossoverOperator(size=20),
         )
-        driven = BicycleExecutor(representation=roads, objective=objective)
-        Frenetic(core, driven, CountingStop(n_random=total // 5, n_total=total)).start()
+        executor = BicycleExecutor(representation=roads, objective=objective)
+        Frenetic(core, executor, CountingStop(n_random=total // 5, n_total=total)).start()
         lengths = [(len(values) - 1) * step for values in core.history.test]
         return len(lengths), sum(lengths) / len(lengths)
 
@@ -112,10 +113,10 @@ def run_peer(simulations: int, seed: int) -> Measured:
     return measure(lambda: search(simulations))
 
 
-def run_ours(map_size: float) -> Callable[[int, int], Measured]:
-    """A campaign of ours, on a map of this many metres."""
+def run_ours(map_size: float) -> Callable[[int, int], SearchTime]:
+    """Return a function that runs a campaign of Frenetic, on a map of `map_size` m."""
 
-    def run(simulations: int, seed: int) -> Measured:
+    def run(simulations: int, seed: int) -> SearchTime:
         from frenetic import (
             Budget,
             Campaign,
@@ -138,7 +139,7 @@ def run_ours(map_size: float) -> Callable[[int, int], Measured]:
         compile_kernels()
         with tempfile.TemporaryDirectory() as folder:
             campaign(WARM_UP, Path(folder) / "warm-up").run()
-            measured = measure(
+            search_time = measure(
                 lambda: (campaign(simulations, Path(folder) / "run").run().simulations, 0.0)
             )
             with CampaignStore.open(Path(folder) / "run") as store:
@@ -147,9 +148,7 @@ def run_ours(map_size: float) -> Callable[[int, int], Measured]:
                     for test in store.tests()
                     if test.outcome.is_driven
                 ]
-        return Measured(
-            measured.simulations, measured.wall, measured.cpu, sum(lengths) / len(lengths)
-        )
+        return replace(search_time, road_length=sum(lengths) / len(lengths))
 
     return run
 
@@ -161,52 +160,51 @@ CONTESTANTS: Final = (
 )
 
 
-def in_own_process(index: int, python: str, simulations: int, seed: int) -> Measured:
-    """One measurement by the interpreter `python`.
+def measure_in_process(index: int, python: str, simulations: int, seed: int) -> SearchTime:
+    """Measure a contestant in a process of the interpreter `python`.
 
     Raises:
-        RuntimeError: the interpreter or the library is missing, or the search broke; one line.
+        RuntimeError: the interpreter or the library is missing, or the search ended with an error.
     """
     name = CONTESTANTS[index].name
     command = [python, __file__, "--measure", str(index)]
     command += ["--simulations", str(simulations), "--seed", str(seed)]
     try:
-        done = subprocess.run(command, capture_output=True, text=True, check=False)
+        completed = subprocess.run(command, capture_output=True, text=True, check=False)
     except OSError as error:
         raise RuntimeError(f"cannot start {python}: {error.strerror or error}") from None
-    if done.returncode:
-        complaint = done.stderr.strip().splitlines() or [f"exit status {done.returncode}"]
-        raise RuntimeError(
-            complaint[-1] if done.returncode == MISSING else f"{name} broke: {complaint[-1]}"
-        )
-    return Measured(**json.loads(done.stdout))
+    if completed.returncode:
+        lines = completed.stderr.strip().splitlines() or [f"exit status {completed.returncode}"]
+        is_missing = completed.returncode == MISSING
+        raise RuntimeError(lines[-1] if is_missing else f"{name} failed: {lines[-1]}")
+    return SearchTime(**json.loads(completed.stdout))
 
 
 def measure_here(index: int, simulations: int, seed: int) -> int:
-    """The work of a process of `in_own_process`: one measurement, printed as JSON."""
+    """Measure a contestant in this process, and print the times as JSON."""
     try:
-        measured = CONTESTANTS[index].run(simulations, seed)
+        search_time = CONTESTANTS[index].run(simulations, seed)
     except ModuleNotFoundError as error:
-        theirs = 'pip install -e ".[benchmarks]", or --peer-python PATH'
-        remedy = "pip install -e ." if index else theirs
+        peer_remedy = 'pip install -e ".[benchmarks]", or --peer-python PATH'
+        remedy = "pip install -e ." if index else peer_remedy
         print(f"{error.name} is not installed for {sys.executable}: {remedy}", file=sys.stderr)
         return MISSING
-    print(json.dumps(asdict(measured)))
+    print(json.dumps(asdict(search_time)))
     return 0
 
 
-def report(rounds: list[list[Measured]]) -> None:
-    """Prints the rates of all contestants, and ours as multiples of the peer's."""
+def report(rounds: list[list[SearchTime]]) -> None:
+    """Print the rates of all contestants, and their ratios to the peer's rate."""
     columns = {
-        "best": [max(m.simulations / m.wall for m in runs) for runs in rounds],
-        "median": [median(m.simulations / m.wall for m in runs) for runs in rounds],
-        "CPU best": [max(m.simulations / m.cpu for m in runs) for runs in rounds],
+        "best": [max(run.simulations / run.wall for run in runs) for runs in rounds],
+        "median": [median(run.simulations / run.wall for run in runs) for runs in rounds],
+        "CPU best": [max(run.simulations / run.cpu for run in runs) for runs in rounds],
     }
     print(f"\n{'tests/s':<22}" + "".join(f"{name:>10}{'ratio':>7}" for name in columns), end="")
     print(f"{'mean road':>12}")
     for index, (contestant, runs) in enumerate(zip(CONTESTANTS, rounds, strict=True)):
         cells = [f"{rate[index]:>10.1f}{rate[index] / rate[0]:>7.1f}" for rate in columns.values()]
-        length = sum(m.road_length for m in runs) / len(runs)
+        length = sum(run.road_length for run in runs) / len(runs)
         print(f"{contestant.name:<22}" + "".join(cells) + f"{length:>10.0f} m")
 
 
@@ -217,26 +215,31 @@ def main() -> int:
     parser.add_argument("--simulations", type=int, default=250, help="of each search")
     parser.add_argument("--rounds", type=int, default=5, help="searches of each contestant")
     parser.add_argument("--seed", type=int, default=1, help="of the first round")
-    parser.add_argument("--peer-python", default=sys.executable, metavar="PATH")
+    parser.add_argument(
+        "--peer-python", default=sys.executable, metavar="PATH", help="Python with freneticlib"
+    )
     parser.add_argument("--measure", type=int, help=argparse.SUPPRESS)
     options = parser.parse_args()
     if options.simulations < WARM_UP or options.rounds < 1 or options.seed < 0:
-        parser.error(f"--simulations of at least {WARM_UP}, --rounds of 1 and --seed of 0 needed")
+        parser.error(
+            f"--simulations must be at least {WARM_UP}, --rounds at least 1, --seed at least 0"
+        )
     if options.measure is not None:
         return measure_here(options.measure, options.simulations, options.seed)
 
-    rounds: list[list[Measured]] = [[] for _ in CONTESTANTS]
+    rounds: list[list[SearchTime]] = [[] for _ in CONTESTANTS]
     print(f"{options.simulations} simulations each; tests/s of wall time")
     for number in range(options.rounds):
         for index, contestant in enumerate(CONTESTANTS):
             python = options.peer_python if index == 0 else sys.executable
+            seed = options.seed + number
             try:
-                measured = in_own_process(index, python, options.simulations, options.seed + number)
+                search_time = measure_in_process(index, python, options.simulations, seed)
             except RuntimeError as error:
                 print(f"peer: {error}", file=sys.stderr)
                 return 2
-            rounds[index].append(measured)
-            rate = measured.simulations / measured.wall
+            rounds[index].append(search_time)
+            rate = search_time.simulations / search_time.wall
             print(f"  round {number + 1}  {contestant.name:<22}{rate:>8.1f}", flush=True)
     report(rounds)
     return 0

@@ -1,14 +1,15 @@
-"""The report of a long campaign: its size, and the times of writing and opening it.
+"""Size of the report of a long campaign, and the times to write and open it.
 
     python benchmarks/report.py [--simulations 5000 ...] [--openings 5] [--folder DIR]
 
-Runs a campaign of `frenetic` with the default driver, writes its report in a process of its own,
-and opens the page in Chromium without a window, each time in a new context. Printed are the medians
-of the times from the start of the navigation: until something is painted, until the feature map is
-there, until the page has loaded, until its charts are drawn. The campaign goes into a new folder
-inside DIR (the system's folder for temporary files by default), which is removed afterwards.
+The benchmark runs a campaign of `frenetic` with the default driver, writes the report in a process
+of its own, and opens the page in Chromium without a window, each time in a new context. It prints
+medians of the times from the start of the navigation: until something is painted, until the feature
+map is there, until the page has loaded, until the charts are drawn. The campaign goes into a new
+folder inside DIR (the system's folder for temporary files by default), which is removed afterwards.
 
-Needs Playwright and a Chromium, as the tests do; --chromium FILE names one that is not found.
+Needs Playwright and a Chromium, as the tests do. If no Chromium is found, name it by
+--chromium FILE.
 """
 
 from __future__ import annotations
@@ -27,32 +28,32 @@ from typing import Final
 from playwright.sync_api import Browser, Error, sync_playwright
 
 SEED: Final = 1
-NAMES: Final = ("chromium", "chromium-browser", "google-chrome", "chrome")
+CHROMIUM_COMMANDS: Final = ("chromium", "chromium-browser", "google-chrome", "chrome")
 MOMENTS: Final = ("painted", "map", "loaded", "charts")
-WATCH: Final = """
-window.seen = {};
+WATCH_SCRIPT: Final = """
+window.moments = {};
 new MutationObserver((_, observer) => {
   const now = performance.now();
-  if (document.querySelector(".cell")) seen.map ??= now;
+  if (document.querySelector(".cell")) moments.map ??= now;
   const charts = [...document.querySelectorAll(".chart")];
   if (charts.length && charts.every((chart) => chart.querySelector(".series"))) {
-    seen.charts = now;
+    moments.charts = now;
     observer.disconnect();
   }
 }).observe(document, { subtree: true, childList: true });
 """
-READ: Final = """() => {
+READ_SCRIPT: Final = """() => {
   const [navigation] = performance.getEntriesByType("navigation");
   const [paint] = performance.getEntriesByName("first-contentful-paint");
-  return [paint.startTime, seen.map, navigation.loadEventEnd, seen.charts];
+  return [paint.startTime, moments.map, navigation.loadEventEnd, moments.charts];
 }"""
-SEEN_ALL: Final = """() => seen.charts
+IS_COMPLETE_SCRIPT: Final = """() => moments.charts
   && performance.getEntriesByName("first-contentful-paint").length
   && performance.getEntriesByType("navigation")[0].loadEventEnd > 0"""
 
 
 def make_report(simulations: int, folder: Path) -> Path:
-    """Runs a campaign, writes its report and prints the times."""
+    """Run a campaign, write its report and print the time; return the page."""
     from frenetic.campaign import Budget, Campaign, CampaignStore
     from frenetic.drivers import Planner
     from frenetic.oracle.outcome import Outcome
@@ -81,30 +82,32 @@ def make_report(simulations: int, folder: Path) -> Path:
     return page
 
 
-def opened(browser: Browser, report: Path) -> list[float]:
-    """Seconds from the start of the navigation to each of `MOMENTS`."""
+def open_page(browser: Browser, report: Path) -> list[float]:
+    """Open the page; return the s from the start of the navigation to each of `MOMENTS`."""
     context = browser.new_context(viewport={"width": 1280, "height": 900})
     page = context.new_page()
-    page.add_init_script(WATCH)
+    page.add_init_script(WATCH_SCRIPT)
     page.goto(report.resolve().as_uri())
-    page.wait_for_function(SEEN_ALL, polling=500, timeout=120_000)
-    found = [time / 1000.0 for time in page.evaluate(READ)]
+    page.wait_for_function(IS_COMPLETE_SCRIPT, polling=500, timeout=120_000)
+    times = [milliseconds / 1000.0 for milliseconds in page.evaluate(READ_SCRIPT)]
     context.close()
-    return found
+    return times
 
 
 def main() -> int:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("--simulations", type=int, nargs="+", default=[5000], metavar="N")
-    parser.add_argument("--openings", type=int, default=5, metavar="N")
-    parser.add_argument("--folder", type=Path, metavar="DIR")
-    found = next((path for name in NAMES if (path := shutil.which(name))), None)
-    parser.add_argument("--chromium", default=found, metavar="FILE")
+    parser.add_argument(
+        "--simulations", type=int, nargs="+", default=[5000], metavar="N", help="of each campaign"
+    )
+    parser.add_argument("--openings", type=int, default=5, metavar="N", help="of each page")
+    parser.add_argument("--folder", type=Path, metavar="DIR", help="folder for the campaigns")
+    chromium = next((path for name in CHROMIUM_COMMANDS if (path := shutil.which(name))), None)
+    parser.add_argument("--chromium", default=chromium, metavar="FILE", help="program to start")
     options = parser.parse_args()
     if min(options.simulations) < 1 or options.openings < 1:
-        parser.error("--simulations and --openings of at least 1 are needed")
+        parser.error("--simulations and --openings must be at least 1")
     is_root = hasattr(os, "geteuid") and os.geteuid() == 0  # to whom Chromium denies its sandbox
     try:
         with (
@@ -116,7 +119,7 @@ def main() -> int:
                 browser = playwright.chromium.launch(
                     executable_path=options.chromium, args=["--no-sandbox"] if is_root else []
                 )
-                times = [opened(browser, report) for _ in range(options.openings)]
+                times = [open_page(browser, report) for _ in range(options.openings)]
                 browser.close()
                 for name, seconds in zip(MOMENTS, zip(*times, strict=True), strict=True):
                     print(f"  {name:8} {median(seconds):.2f} s ({min(seconds):.2f} to", end=" ")

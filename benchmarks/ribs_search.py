@@ -1,14 +1,14 @@
-"""MAP-Elites, CMA-MAE and CMA-ES of pyribs over our roads: peers for a bench.
+"""MAP-Elites, CMA-MAE and CMA-ES of pyribs on our roads: peers for a bench.
 
     pip install ".[peers]"
     frenetic bench --strategy benchmarks/ribs_search.py:RibsSearch,algorithm=cma-mae \
         --strategy frenetic
 
 pyribs (PyPI: ribs) is the library of quality diversity algorithms. Its archives and emitters run
-here as they are, on the terms of our own strategies: curvature values every 10 m, a road that does
-not fit the map or is invalid is refused before it is driven and costs no simulation, the first 30
-roads are random, and what is told is what every strategy is told. The defaults are pyribs' own or
-the best of a few lengths, batches and spreads, tried with `planner` on seeds 101 to 106.
+here unchanged, on the terms of our own strategies: curvature values every 10 m; a road that does
+not fit the map or is invalid is refused before it is driven and costs no simulation; the first 30
+roads are random; every strategy gets the same evaluations. The defaults are pyribs' own, or the
+best of a few lengths, batches and spreads, tried with `planner` on seeds 101 to 106.
 """
 
 from __future__ import annotations
@@ -35,38 +35,39 @@ ALGORITHMS: Final = ("map-elites", "cma-mae", "cma-es")
 AXES: Final = ("direction_coverage", "max_curvature", "mean_speed", "mean_offset")
 """Features that span the archive, with the ranges and bins of `FEATURES`.
 
-Of the published feature map, the standard deviation of steering is replaced by the mean speed,
-because strategies are told offsets and speeds, but no steering.
+In place of the standard deviation of steering, a feature of the published map, stands the mean
+speed: evaluations give strategies offsets and speeds, but no steering.
 """
 REFUSED: Final = -1e3
-"""Objective in m of a road that is not driven."""
+"""Objective of a road that is not driven, in m."""
 MOST_BATCHES: Final = 50
-"""Batches of which every road is refused, before a random road is proposed."""
+"""Number of fully refused batches after which a random road is proposed."""
 
 
 class RibsSearch(Strategy):
     """A `Strategy` that lets pyribs choose the roads.
 
-    The solution is a fixed number of curvature values, the objective the negative MOOBD, and the
-    behaviour the features around the place where the car left its lane or came nearest to it.
+    The solution is a fixed number of curvature values, and the objective is the negative MOOBD. The
+    behaviour is the features around the place where the car left its lane, or came nearest to
+    leaving it.
 
-    ``map-elites`` keeps the worst road of each cell and varies it towards another one; ``cma-mae``
-    adapts a distribution to what improves a soft archive; ``cma-es`` adapts it to the objective
-    alone, which is pure exploitation.
+    ``map-elites`` keeps the worst road of each cell, and moves it towards another road with noise;
+    ``cma-mae`` adapts a distribution to roads that improve a soft archive; ``cma-es`` adapts a
+    distribution to the objective alone, which is pure exploitation.
 
     Args:
         seed: a whole number of at least 0.
-        map_size: m, side of the square map.
-        algorithm: one of `ALGORITHMS`.
-        values: curvature values of a road.
-        axes: features that span the archive, by commas.
-        random_roads: number of the first roads, which are random.
-        batch: roads between two looks at the archive; 0 for the usual number of CMA-ES.
-        iso_sigma: 1/m, standard deviation of MAP-Elites' noise.
-        line_sigma: standard deviation of its way towards another road, as a share.
-        sigma: 1/m, first standard deviation of CMA-ES.
-        learning_rate: of the thresholds of CMA-MAE's archive, 0..1.
-        threshold_min: m, objective from which CMA-MAE's archive takes roads.
+        map_size: side of the square map, in m.
+        algorithm: an entry of `ALGORITHMS`.
+        values: number of curvature values of a road.
+        axes: features that span the archive, separated by commas.
+        random_roads: number of random roads at the start.
+        batch: number of roads between two updates; 0 for the usual number of CMA-ES.
+        iso_sigma: standard deviation of MAP-Elites' noise, in 1/m.
+        line_sigma: standard deviation of MAP-Elites' move towards another road, as a share.
+        sigma: first standard deviation of CMA-ES, in 1/m.
+        learning_rate: learning rate of the thresholds of CMA-MAE's archive, 0..1.
+        threshold_min: objective from which CMA-MAE's archive takes roads, in m.
     """
 
     def __init__(
@@ -124,14 +125,14 @@ class RibsSearch(Strategy):
         self._waiting: deque[int] = deque()
         """Rows of the batch that are not proposed yet."""
         self._rows: dict[int, tuple[_Batch, int]] = {}
-        """Id of an outstanding candidate -> its place in a batch."""
+        """Id of an outstanding candidate -> its batch and row."""
 
     def keep_map_margin(self, map_margin: float) -> None:
         """Takes only roads for valid that keep so many m from the map's edge."""
         self._map_check.keep_map_margin(map_margin)
 
     def ask(self) -> Candidate:
-        """The next road to try: random at first, and while results of a batch are missing."""
+        """Return the next road: random at first, and while results of a batch are missing."""
         if self._driven >= self._first_roads and not self._waiting and not self._rows:
             self._next_batch()
         if not self._waiting:
@@ -142,10 +143,10 @@ class RibsSearch(Strategy):
         return candidate
 
     def tell(self, evaluation: Evaluation) -> None:
-        """Learns the result of a candidate.
+        """Learn the result of a candidate.
 
         Raises:
-            ValueError: see `Ledger.settle`.
+            ValueError: the candidate is not outstanding, or MOOBD or budget share is not finite.
         """
         candidate = self._ledger.settle(evaluation)
         batch, row = self._rows.pop(candidate.id, (None, 0))
@@ -162,11 +163,11 @@ class RibsSearch(Strategy):
             self._learn(batch)
 
     def _next_batch(self) -> None:
-        """Lets the emitter draw roads until one is worth a drive."""
+        """Let the emitter draw batches until a batch has a road that may be driven."""
         if self._emitter is None:
             self._emitter = self._new_emitter()
         for _ in range(MOST_BATCHES):
-            with warnings.catch_warnings():  # that bounds are tight: the validity check sees to it
+            with warnings.catch_warnings():  # pyribs warns of tight bounds
                 warnings.simplefilter("ignore", UserWarning)
                 solutions = np.asarray(self._emitter.ask())
             self._batch = _Batch(solutions, len(self._axes))
@@ -204,7 +205,7 @@ class RibsSearch(Strategy):
         return np.zeros(self._archive.solution_dim) if self._best is None else self._best[1]
 
     def _learn(self, batch: _Batch) -> None:
-        """Adds what was driven to the archive, and tells the emitter all."""
+        """Add the driven roads to the archive, and tell the emitter the results of all roads."""
         driven = np.flatnonzero(batch.objective > REFUSED)
         info = {
             "status": np.zeros(len(batch.objective), dtype=np.int32),
@@ -220,7 +221,7 @@ class RibsSearch(Strategy):
             self._emitter.tell(batch.solutions, batch.objective, batch.measures, info)
 
     def _behaviour(self, evaluation: Evaluation, candidate: Candidate) -> FloatArray:
-        """The features around the place, as `frenetic.analysis.features` defines them."""
+        """Return the features around the place, as `frenetic.analysis.features` defines them."""
         length = (len(candidate.curvatures) - 1) * STEP
         place = evaluation.place or 0.0
         start, end = max(place - REACH, 0.0), min(place + REACH, length)
@@ -228,7 +229,7 @@ class RibsSearch(Strategy):
         inner = samples[(samples > start) & (samples < end)]
         distances = np.concatenate([[start], inner, [end]])
         curvatures = np.interp(distances, samples, candidate.curvatures)
-        found = {
+        features = {
             "max_curvature": float(np.abs(curvatures).max()),
             "direction_coverage": _direction_coverage(distances, curvatures),
         }
@@ -237,17 +238,17 @@ class RibsSearch(Strategy):
             inside = (trace.distance >= start) & (trace.distance <= end)
             inside[np.argmin(np.abs(trace.distance - place))] = True
             offset, speed = trace.lateral_offset[inside], trace.speed[inside]
-            found |= {
+            features |= {
                 "mean_speed": float(speed.mean()),
                 "std_speed": float(speed.std()),
                 "mean_offset": float(offset.mean()),
                 "extreme_offset": float(offset[np.argmax(np.abs(offset))]),
             }
-        return np.array([found.get(axis.name, 0.0) for axis in self._axes])
+        return np.array([features.get(axis.name, 0.0) for axis in self._axes])
 
 
 class _Batch:
-    """Roads that an emitter drew together, and their results."""
+    """Roads that an emitter draws together, and their results."""
 
     def __init__(self, solutions: FloatArray, measures: int) -> None:
         self.solutions = solutions
@@ -256,6 +257,7 @@ class _Batch:
 
 
 def _direction_coverage(distances: FloatArray, curvatures: FloatArray) -> float:
+    """Return the share of heading bins that a road covers."""
     width = 2.0 * math.pi / HEADING_BINS
     least, most = heading_range(distances, curvatures)
     first, last = math.ceil(least / width - 0.5), math.floor(most / width + 0.5)

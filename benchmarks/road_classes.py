@@ -2,9 +2,10 @@
 
     python benchmarks/road_classes.py [--seeds 10] [--simulations 200] [--workers 2]
 
-Every driver drives at the class's speed limit. Each cell is the mean over the seeds of the
-failures, and in brackets of the distinct ones. The second table is time per metre of road: to draw
-a random one, place it on its map and check it there; and what the search `frenetic` takes for it.
+Every driver drives at the class's speed limit. Each cell of the first table is the mean over the
+seeds: failures, and distinct failures in brackets. The second table gives times per metre of road:
+to draw a random road, place it on its map and check it there; and the own time of the search
+`frenetic`.
 """
 
 from __future__ import annotations
@@ -45,7 +46,7 @@ STRATEGIES = {"random": RandomSearch, "frenetic": Frenetic}
 
 
 def readme_driver() -> Driver:
-    """The driver that README shows."""
+    """Return the driver that README shows."""
     code = README.read_text(encoding="utf-8").split("# file: my_driver.py\n")[1].split("```")[0]
     names: dict[str, Any] = {}
     exec(code, names)
@@ -64,13 +65,13 @@ CASES: dict[str, tuple[Callable[[], Driver], dict[str, Any]]] = {
     SLIPPERY: (Planner, {"friction": 0.3}),
     "stanley, steering lag 0.3 s": (Stanley, {"steering_lag": 0.3}),
 }
-"""The driver, and what differs in the simulator."""
+"""Name -> the driver, and the options of the simulator."""
 
 
 def search(
     name: str, case: str, strategy: str, seed: int, simulations: int
 ) -> tuple[int, int, float]:
-    """Failures and distinct failures of a search, and its own time in µs per metre of road."""
+    """Return failures and distinct failures of a search, and its own time in µs per m of road."""
     road_class = None if name == COMPETITION else RoadClass.of(name)
     driver, simulator = CASES[case]
     with TemporaryDirectory() as temporary:
@@ -91,13 +92,13 @@ def search(
 
 
 def micros_per_metre(road_class: RoadClass | None, count: int = 300) -> float:
-    """Time to draw a road, to place it on its map and to check it there, in µs per metre."""
+    """Return the time to draw a road, place it on its map and check it there, in µs per metre."""
     map_size = 200.0 if road_class is None else road_class.map_size
     roads = RandomRoads(map_size=map_size, max_redraws=0, road_class=road_class)
     rng = np.random.default_rng(1)
     metres, seconds = 0.0, 0.0
     for _ in range(count):
-        began = time.perf_counter()
+        start = time.perf_counter()
         values = roads.draw(rng)
         if road_class is None:
             road = Road(values, roads.step)
@@ -105,22 +106,22 @@ def micros_per_metre(road_class: RoadClass | None, count: int = 300) -> float:
             profiles = road_class.profiles(values, roads.step)
             road = Road(values, roads.step, lane_width=road_class.lane_width, **profiles)
         road.placed(map_size, road_class=road_class)
-        seconds += time.perf_counter() - began
+        seconds += time.perf_counter() - start
         metres += road.length
     return 1e6 * seconds / metres
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
-    parser.add_argument("--seeds", type=int, default=10)
-    parser.add_argument("--simulations", type=int, default=200)
-    parser.add_argument("--workers", type=int, default=2)
-    asked = parser.parse_args()
-    seeds = range(1, asked.seeds + 1)
+    parser.add_argument("--seeds", type=int, default=10, help="number of seeds")
+    parser.add_argument("--simulations", type=int, default=200, help="of a search")
+    parser.add_argument("--workers", type=int, default=2, help="searches at once")
+    options = parser.parse_args()
+    seeds = range(1, options.seeds + 1)
     cells = list(product(CASES, classes(), STRATEGIES, seeds))
-    with ProcessPoolExecutor(asked.workers) as pool:
+    with ProcessPoolExecutor(options.workers) as pool:
         tasks = [
-            pool.submit(search, name, case, strategy, seed, asked.simulations)
+            pool.submit(search, name, case, strategy, seed, options.simulations)
             for case, name, strategy, seed in cells
         ]
         results = dict(zip(cells, (task.result() for task in tasks), strict=True))
@@ -135,7 +136,7 @@ def main() -> None:
     print("\n| roads | draw, place, check (µs/m) | search (µs/m) |\n|---|---|---|")
     for name in (COMPETITION, *classes()):
         road_class = None if name == COMPETITION else RoadClass.of(name)
-        micros_per_metre(road_class, 20)  # compiled and warm
+        micros_per_metre(road_class, 20)  # compiles
         searched = search(name, SLIPPERY, "frenetic", 1, 300)[2]
         print(f"| {name} | {micros_per_metre(road_class):.2f} | {searched:.2f} |")
 

@@ -1,9 +1,9 @@
-"""Agreement of the simulators on roads, and their speed.
+"""How far MetaDrive and the embedded simulator agree on roads, and how fast they are.
 
     python benchmarks/simulators.py [--roads 200] [--seed 2021] [--drivers planner stanley ...]
 
-Two sets of valid roads are driven by the same driver in MetaDrive and in the embedded simulator:
-with its default car, with one that differs only in that it steers at once, as MetaDrive's does, and
+Each driver drives two sets of valid roads in MetaDrive and in the embedded simulator with three
+cars: the default car, the default car with steering that moves at once, as in MetaDrive, and a car
 with the parameters of MetaDrive's car.
 
 random    roads as the strategy `random` proposes them
@@ -12,15 +12,15 @@ failing   roads on which the driver failed in the embedded simulator with its de
 
 The columns compare each simulator with MetaDrive:
 
-fails     share of the roads on which the driver failed there
-same      share of the roads with the same outcome
-kappa     Cohen's kappa of the outcomes: 0 is what chance gives, 1 is perfect; none where a
-          simulator has but one outcome
+fails     share of the roads on which the driver failed in this simulator
+same      share of the roads with the same outcome in MetaDrive
+kappa     Cohen's kappa of the outcomes: 0 is what chance gives, 1 is perfect; nan where a
+          simulator has only one outcome
 rank      Spearman's rank correlation of MOOBD
 tests/s   roads driven and judged per s of CPU time, in one process
 
-Then come MetaDrive's own drivers on half as many random roads, with their median MOOBD in m. The
-last line says by how much the memory of the process grew while MetaDrive drove 100 roads.
+MetaDrive's own drivers follow, on half as many random roads, with their median MOOBD in m. The last
+line says by how much the memory of the process grew while MetaDrive drove 100 roads.
 """
 
 from __future__ import annotations
@@ -52,15 +52,15 @@ from frenetic.search.random_search import RandomRoads
 from frenetic.simulators import EmbeddedSimulator, Simulator, Vehicle
 
 AT_ONCE: Final = replace(Vehicle(), steering_rate=20.0, steering_lag=0.01)
-"""The embedded simulator's default car without its largest difference from MetaDrive's."""
+"""The embedded simulator's default car with steering that moves at once, as in MetaDrive."""
 REFERENCE: Final = "metadrive"
 SPEEDS: Final = (30.0, 50.0, 70.0)
 """Speed of MetaDrive's IDM driver, in km/h."""
 MEMORY_ROADS: Final = 100
 
 
-class Driven(NamedTuple):
-    """Results of a set of roads in one simulator."""
+class RoadResults(NamedTuple):
+    """Results of a set of roads in a simulator."""
 
     failed: FloatArray
     """Failures, (n,): 1 where the driver failed, 0 where it passed."""
@@ -71,10 +71,12 @@ class Driven(NamedTuple):
 
 
 def random_roads(count: int, seed: int) -> list[Road]:
+    """Return valid random roads."""
     return list(islice(RandomRoads().valid(np.random.default_rng(seed)), count))
 
 
 def failing_roads(count: int, seed: int, driver: Driver) -> list[Road]:
+    """Return roads on which the driver fails in the default car, found by `frenetic`."""
     with tempfile.TemporaryDirectory() as temporary:
         folder = Path(temporary) / "campaign"
         Campaign(
@@ -88,20 +90,21 @@ def failing_roads(count: int, seed: int, driver: Driver) -> list[Road]:
             return [test.road for test in store.tests(Outcome.FAIL, limit=count)]
 
 
-def drive_all(simulator: Simulator, driver: Driver, roads: Sequence[Road]) -> Driven:
+def drive_all(simulator: Simulator, driver: Driver, roads: Sequence[Road]) -> RoadResults:
+    """Drive and judge all roads."""
     failed, moobd = np.zeros(len(roads)), np.zeros(len(roads))
-    simulator.drive(roads[0], driver)  # what is compiled and loaded once
+    simulator.drive(roads[0], driver)  # compiles and loads
     begin = time.process_time()
     for i, road in enumerate(roads):
         result = judge(road, simulator.drive(road, driver))
         if result.moobd is None:
             raise SystemExit(f"road {i} could not be driven: {result.reason}")
         failed[i], moobd[i] = result.outcome is Outcome.FAIL, result.moobd
-    return Driven(failed, moobd, len(roads) / (time.process_time() - begin))
+    return RoadResults(failed, moobd, len(roads) / (time.process_time() - begin))
 
 
 def kappa(a: FloatArray, b: FloatArray) -> float:
-    """Cohen's kappa of two outcomes, nan where one of them is always the same."""
+    """Return Cohen's kappa of two simulators' outcomes; nan where one of them is constant."""
     if a.std() == 0.0 or b.std() == 0.0:
         return float("nan")
     agreed = float(np.mean(a == b))
@@ -110,18 +113,19 @@ def kappa(a: FloatArray, b: FloatArray) -> float:
 
 
 def print_own_drivers(roads: Sequence[Road]) -> None:
-    own = {f"metadrive-idm, {speed:g} km/h": MetaDriveIdm(target_speed=speed) for speed in SPEEDS}
+    """Print how MetaDrive's own drivers do on random roads."""
+    idm = {f"metadrive-idm, {speed:g} km/h": MetaDriveIdm(target_speed=speed) for speed in SPEEDS}
     with MetaDriveSimulator() as simulator:
-        for label, driver in {**own, "metadrive-expert": MetaDriveExpert()}.items():
-            driven = drive_all(simulator, driver, roads)
+        for label, driver in {**idm, "metadrive-expert": MetaDriveExpert()}.items():
+            results = drive_all(simulator, driver, roads)
             print(
-                f"{label:<30}{f'{len(roads)} random':<12}fails{driven.failed.mean():>7.1%}"
-                f"  median MOOBD{np.median(driven.moobd):>7.2f}"
+                f"{label:<30}{f'{len(roads)} random':<12}fails{results.failed.mean():>7.1%}"
+                f"  median MOOBD{np.median(results.moobd):>7.2f}"
             )
 
 
 def memory_growth(roads: Sequence[Road]) -> float:
-    """MB by which the process grows while MetaDrive drives so many roads, after 20 others."""
+    """Return the MB by which the process grows while MetaDrive drives roads, after 20 drives."""
     process = psutil.Process()
     with MetaDriveSimulator() as simulator:
         for road in roads[:20]:
@@ -134,8 +138,8 @@ def memory_growth(roads: Sequence[Road]) -> float:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
-    parser.add_argument("--roads", type=int, default=200)
-    parser.add_argument("--seed", type=int, default=2021)
+    parser.add_argument("--roads", type=int, default=200, help="roads of a set")
+    parser.add_argument("--seed", type=int, default=2021, help="seed of both sets")
     parser.add_argument("--drivers", nargs="+", default=["planner", "stanley", "beamng-ai"])
     options = parser.parse_args()
     simulators: dict[str, AbstractContextManager[Simulator] | Simulator] = {
@@ -154,17 +158,18 @@ def main() -> None:
             ("random", random_roads(options.roads, options.seed)),
             ("failing", failing_roads(options.roads, options.seed, driver)),
         ):
-            driven = {}
+            results = {}
             for label, simulator in simulators.items():
                 with simulator as started:
-                    driven[label] = drive_all(started, driver, roads)
-            truth = driven[REFERENCE]
-            for label, here in driven.items():
-                rank = stats.spearmanr(here.moobd, truth.moobd).statistic
+                    results[label] = drive_all(started, driver, roads)
+            reference = results[REFERENCE]
+            for label, result in results.items():
+                agreement = kappa(result.failed, reference.failed)
+                rank = stats.spearmanr(result.moobd, reference.moobd).statistic
                 print(
-                    f"{name:<18}{f'{len(roads)} {kind}':<12}{label:<21}{here.failed.mean():>7.1%}"
-                    f"{np.mean(here.failed == truth.failed):>7.1%}"
-                    f"{kappa(here.failed, truth.failed):>7.2f}{rank:>7.2f}{here.rate:>9.1f}",
+                    f"{name:<18}{f'{len(roads)} {kind}':<12}{label:<21}{result.failed.mean():>7.1%}"
+                    f"{np.mean(result.failed == reference.failed):>7.1%}"
+                    f"{agreement:>7.2f}{rank:>7.2f}{result.rate:>9.1f}",
                     flush=True,
                 )
     print()

@@ -3,17 +3,17 @@
     pytest benchmarks/test_speed.py
     pytest benchmarks/test_speed.py --benchmark-timer=time.process_time
 
-The second line counts CPU time, which other programs on the machine disturb less; what a campaign
-waits for the disk is missing from it then.
+The second command measures CPU time, which other programs on the machine disturb less, but which
+leaves out the time that a campaign waits for the disk.
 
-Times of the parts are per road. One round goes once over a fixed set of valid random roads of
-250 m on which the default driver stays in its lane, so that every drive goes to the road's end; the
-round gives the mean over the set, and the least of many rounds, "Min", is the figure to quote. A
-campaign's round is a whole campaign, and its tests/s are printed above the table; so is the
-processor time that its strategy takes a simulation, asking and telling together. A command's round
-is a process, from its start to its end; its processor time is printed, too.
+Times of the parts are per road. A round goes once over a fixed set of valid random roads of 250 m.
+The default driver stays in its lane on these roads, so every drive reaches the road's end. A round
+gives the mean over the set; quote the least of many rounds, "Min". A campaign's round is a whole
+campaign. Its tests/s are printed above the table, and the processor time per simulation that its
+strategy takes to ask and tell. A command's round is a process, from start to end; its processor
+time is printed, too.
 
-Nothing here passes or fails by its time.
+No test here fails because it is slow.
 """
 
 from __future__ import annotations
@@ -52,50 +52,53 @@ SAMPLES: Final = 26
 ROADS: Final = 64
 """Roads in the set."""
 ROUNDS: Final = 30
+"""Rounds over the set."""
 PICTURES: Final = 4
 """Roads of the set that are drawn."""
 SIMULATIONS: Final = 1000
 """Simulations of one campaign: the default of `frenetic run`."""
 CAMPAIGNS: Final = 5
+"""Rounds of a campaign."""
 COMMANDS: Final = 3
+"""Rounds of a command."""
 STEADY_SPEED: Final = 45.0
 """Speed of the driver in Python, in km/h."""
 
 
-class Timed(Strategy):
-    """A strategy whose processor time is counted."""
+class TimedStrategy(Strategy):
+    """A wrapper that sums up the processor time of a strategy."""
 
     def __init__(self, strategy: Strategy) -> None:
         self._strategy = strategy
         self.seconds = 0.0
-        """Of all calls so far."""
+        """Processor time of all calls so far, in s."""
 
     def ask(self) -> Candidate | None:
-        """The strategy's next road."""
+        """Return the strategy's next road."""
         start = time.process_time()
         candidate = self._strategy.ask()
         self.seconds += time.process_time() - start
         return candidate
 
     def tell(self, evaluation: Evaluation) -> None:
-        """Tells the strategy."""
+        """Tell the strategy a result."""
         start = time.process_time()
         self._strategy.tell(evaluation)
         self.seconds += time.process_time() - start
 
 
-class Driven(NamedTuple):
-    """A road of the set and its results."""
+class RoadTest(NamedTuple):
+    """A road of the set, its drive and its result."""
 
     curvatures: npt.NDArray[np.float64]
     road: Road
-    """Fitted into the map."""
+    """The road, fitted into the map."""
     drive: Drive
     result: Result
 
 
-def random_roads() -> Iterator[Driven]:
-    """Valid random roads that the default driver drives to the end, the same ones every time."""
+def random_roads() -> Iterator[RoadTest]:
+    """Yield valid random roads that the default driver drives to the end, always the same roads."""
     rng = np.random.default_rng(SEED)
     simulator, driver = EmbeddedSimulator(), Planner()
     while True:
@@ -106,22 +109,22 @@ def random_roads() -> Iterator[Driven]:
         drive = simulator.drive(road, driver)
         result = judge(road, drive)
         if result.outcome is Outcome.PASS:
-            yield Driven(curvatures, road, drive, result)
+            yield RoadTest(curvatures, road, drive, result)
 
 
-def has_to_turn(driven: Driven) -> bool:
-    """Whether moving alone does not bring the road into the map."""
-    motion = fit_to_map(Road(driven.curvatures).road_points, MAP_SIZE, MAP_MARGIN)
+def has_to_turn(test: RoadTest) -> bool:
+    """Return whether the road fits the map only when it is turned, not by moving alone."""
+    motion = fit_to_map(Road(test.curvatures).road_points, MAP_SIZE, MAP_MARGIN)
     return motion is not None and motion.rotation != 0.0
 
 
 @cache
-def road_set() -> tuple[Driven, ...]:
+def road_set() -> tuple[RoadTest, ...]:
     return tuple(itertools.islice(random_roads(), ROADS))
 
 
 @cache
-def turned_set() -> tuple[Driven, ...]:
+def turned_set() -> tuple[RoadTest, ...]:
     return tuple(itertools.islice(filter(has_to_turn, random_roads()), ROADS))
 
 
@@ -132,78 +135,79 @@ def compiled() -> None:
 
 def per_road(
     benchmark: BenchmarkFixture,
-    treat: Callable[[Driven], object],
-    roads: tuple[Driven, ...],
+    work: Callable[[RoadTest], object],
+    roads: tuple[RoadTest, ...],
     rounds: int = ROUNDS,
 ) -> None:
-    """Times `treat`, each round once over the roads; what the table shows is the mean per road."""
+    """Time `work`; each round goes once over the roads, and the table shows the mean per road."""
     supply = itertools.cycle(roads)
     pedantic: Callable[..., object] = benchmark.pedantic
-    pedantic(lambda: treat(next(supply)), rounds=rounds, iterations=len(roads), warmup_rounds=1)
+    pedantic(lambda: work(next(supply)), rounds=rounds, iterations=len(roads), warmup_rounds=1)
     benchmark.extra_info["roads"] = len(roads)
 
 
 def test_propose(benchmark: BenchmarkFixture) -> None:
-    """Ask for a random road, which includes drawing refused ones again, and tell its result."""
+    """Ask for a random road, with redraws of refused roads, and tell its result."""
     strategy = RandomSearch(seed=SEED)
 
-    def propose(_: Driven) -> None:
+    def propose(_: RoadTest) -> None:
         strategy.tell(Evaluation(strategy.ask(), Outcome.PASS, 1.0, 0.5))
 
     per_road(benchmark, propose, road_set())
 
 
 def test_fit_with_rotation(benchmark: BenchmarkFixture) -> None:
-    """From curvature values to a road in the map, of roads for which moving is not enough."""
+    """Lay roads from their curvatures and fit them into the map, where moving is not enough."""
 
-    def fit(driven: Driven) -> None:
-        assert Road(driven.curvatures).fitted() is not None
+    def fit(test: RoadTest) -> None:
+        assert Road(test.curvatures).fitted() is not None
 
     per_road(benchmark, fit, turned_set())
 
 
 def test_check_validity(benchmark: BenchmarkFixture) -> None:
-    """The competition's verdict on the points of a valid road."""
-    per_road(benchmark, lambda driven: check_validity(driven.road.road_points), road_set())
+    """Check the points of a valid road by the competition's rules."""
+    per_road(benchmark, lambda test: check_validity(test.road.road_points), road_set())
 
 
 def test_drive(benchmark: BenchmarkFixture) -> None:
-    """The default driver along 250 m in the embedded simulator."""
+    """Drive 250 m with the default driver in the embedded simulator."""
     simulator, driver = EmbeddedSimulator(), Planner()
-    per_road(benchmark, lambda driven: simulator.drive(driven.road, driver), road_set())
+    per_road(benchmark, lambda test: simulator.drive(test.road, driver), road_set())
 
 
 def test_drive_in_python(benchmark: BenchmarkFixture) -> None:
-    """README's driver in Python along 250 m, asked 20 times a second."""
+    """Drive 250 m with README's driver in Python, which acts 20 times a second."""
     simulator, driver = EmbeddedSimulator(), Steady(STEADY_SPEED)
-    per_road(benchmark, lambda driven: simulator.drive(driven.road, driver), road_set(), rounds=3)
+    per_road(benchmark, lambda test: simulator.drive(test.road, driver), road_set(), rounds=3)
 
 
 def test_judge(benchmark: BenchmarkFixture) -> None:
-    """From a drive to its result."""
-    per_road(benchmark, lambda driven: judge(driven.road, driven.drive), road_set())
+    """Judge a drive."""
+    per_road(benchmark, lambda test: judge(test.road, test.drive), road_set())
 
 
 def test_store(benchmark: BenchmarkFixture, tmp_path: Path) -> None:
-    """A candidate asked and its result told, with the trajectory: one durable transaction."""
+    """Store a candidate and its result, with the trajectory, in one durable transaction."""
     ids = itertools.count(1)
     with CampaignStore.create(tmp_path / "campaign", {}) as store:
 
-        def keep(driven: Driven) -> None:
+        def save(test: RoadTest) -> None:
             number = next(ids)
-            candidate = Candidate(number, driven.curvatures, driven.road.step, Origin("random"))
+            candidate = Candidate(number, test.curvatures, test.road.step, Origin("random"))
             store.add_candidate(candidate)
-            store.add_result(record(driven, candidate, number))
+            store.add_result(record(test, candidate, number))
 
-        per_road(benchmark, keep, road_set())
+        per_road(benchmark, save, road_set())
 
 
-def record(driven: Driven, candidate: Candidate, number: int) -> Test:
+def record(test: RoadTest, candidate: Candidate, number: int) -> Test:
+    """Return the record of a road test."""
     return Test(
         candidate=candidate,
-        result=driven.result,
-        pose=driven.road.pose,
-        trajectory=driven.drive.trajectory,
+        result=test.result,
+        pose=test.road.pose,
+        trajectory=test.drive.trajectory,
         result_number=number,
         budget_spent=0.5,
         seconds=0.001,
@@ -212,11 +216,11 @@ def record(driven: Driven, candidate: Candidate, number: int) -> Test:
 
 @pytest.mark.parametrize("suffix", [".png", ".svg"])
 def test_picture(benchmark: BenchmarkFixture, tmp_path: Path, suffix: str) -> None:
-    """A drive from above with its profiles, as a file."""
+    """Draw a drive from above with its profiles, into a file."""
     path = tmp_path / f"picture{suffix}"
 
-    def draw(driven: Driven) -> None:
-        draw_drive(driven.road, driven.drive, path)
+    def draw(test: RoadTest) -> None:
+        draw_drive(test.road, test.drive, path)
 
     per_road(benchmark, draw, road_set()[:PICTURES], rounds=3)
 
@@ -228,12 +232,12 @@ def test_campaign(
     capsys: pytest.CaptureFixture[str],
     name: str,
 ) -> None:
-    """The whole loop: propose, fit, validate, drive, judge, store, tell."""
+    """Run the whole loop: propose, fit, validate, drive, judge, store, tell."""
     folders = (tmp_path / str(k) for k in itertools.count())
-    proposing: list[float] = []  # ms a simulation
+    proposing: list[float] = []  # ms per simulation
 
     def run() -> int:
-        strategy = Timed(STRATEGIES.make(name, seed=SEED))
+        strategy = TimedStrategy(STRATEGIES.make(name, seed=SEED))
         summary = Campaign(
             strategy=strategy,
             simulator=EmbeddedSimulator(),
@@ -256,7 +260,7 @@ def test_campaign(
         print(
             f"\n{name}: {best:.0f} tests/s at best, {median:.0f} in the median"
             f" of {CAMPAIGNS} campaigns of {tests} tests; proposing takes {min(proposing):.2f} ms"
-            " of processor time a simulation at best"
+            " of processor time per simulation at best"
         )
 
 
@@ -264,31 +268,31 @@ def test_campaign(
 def test_command(
     benchmark: BenchmarkFixture, tmp_path: Path, capsys: pytest.CaptureFixture[str], name: str
 ) -> None:
-    """`frenetic run` in a process of its own: the search, its causes, files, gallery and report."""
+    """Run `frenetic run` in a process of its own: search, causes, files, gallery and report."""
     folders = (tmp_path / str(k) for k in itertools.count())
-    spent: list[float] = []
+    seconds: list[float] = []
     run = partial(command_cpu, "--strategy", name, "--simulations", str(SIMULATIONS))
     pedantic: Callable[..., object] = benchmark.pedantic
-    pedantic(lambda: spent.append(run("--out", str(next(folders)))), rounds=COMMANDS)
+    pedantic(lambda: seconds.append(run("--out", str(next(folders)))), rounds=COMMANDS)
     with capsys.disabled():
-        print(f"\n{name}: the command takes {min(spent):.1f} s of processor time at best")
+        print(f"\n{name}: the command takes {min(seconds):.1f} s of processor time at best")
 
 
 def test_first_command(
     benchmark: BenchmarkFixture, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """The first command on a machine, of one simulation: it compiles what a drive needs."""
-    spent: list[float] = []
+    """Run the first command on a machine, with one simulation: it compiles what a drive needs."""
+    seconds: list[float] = []
     cache = tmp_path / "kernels"
     run = partial(command_cpu, "--simulations", "1", "--out", str(tmp_path / "one"), cache=cache)
     pedantic: Callable[..., object] = benchmark.pedantic
-    pedantic(lambda: spent.append(run()), rounds=1)
+    pedantic(lambda: seconds.append(run()), rounds=1)
     with capsys.disabled():
-        print(f"\nthe first command takes {spent[0]:.1f} s of processor time")
+        print(f"\nthe first command takes {seconds[0]:.1f} s of processor time")
 
 
 def command_cpu(*options: str, cache: Path | None = None) -> float:
-    """Processor time of a `frenetic run` and of the processes that it ends, in s."""
+    """Return the processor time of a `frenetic run` and of the processes that it ends, in s."""
     more = {} if cache is None else {"NUMBA_CACHE_DIR": str(cache)}
     command = [sys.executable, "-m", "frenetic", "run", "--seed", str(SEED), *options]
     before = os.times()
