@@ -1,6 +1,6 @@
-"""A strict type check of the Python on README's and the docs' pages, against the installed package.
+"""A strict type check of the Python code in README and docs, against the installed package.
 
-It shows that the package is typed for its users. ``python .ci/examples.py`` needs mypy.
+The check shows that the package is typed for its users. ``python .ci/examples.py`` needs mypy.
 """
 
 import re
@@ -13,22 +13,22 @@ ROOT = Path(__file__).parent.parent
 BLOCK = re.compile(r"^```python\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 NAME = re.compile(r"# file: (\S+)\n")
 UNTYPED = {"wiggly.py"}
-"""A generator as the competition's participants write it, on modules of their pipeline."""
+"""Files that are not checked: generators of the competition's participants are untyped."""
 
 
 def main() -> int:
-    """Check the pages together; those that name the same file come one after the other."""
+    """Check the code of all pages, in several rounds if pages name the same file."""
     rounds: list[dict[str, str]] = []
     for page in [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]:
         files = {}
         for number, text in enumerate(BLOCK.findall(page.read_text(encoding="utf-8")), 1):
-            named = NAME.match(text)
-            files[named[1] if named else f"{page.stem}_{number}.py".replace("-", "_")] = text
+            match = NAME.match(text)
+            files[match[1] if match else f"{page.stem}_{number}.py".replace("-", "_")] = text
         files = {name: text for name, text in files.items() if name not in UNTYPED}
-        free = next((other for other in rounds if not other.keys() & files.keys()), None)
-        if free is None:
-            rounds.append(free := {})
-        free |= files
+        free_round = next((other for other in rounds if not other.keys() & files.keys()), None)
+        if free_round is None:
+            rounds.append(free_round := {})
+        free_round |= files
     return max(check(files) for files in rounds)
 
 

@@ -1,6 +1,6 @@
-"""Checks that the house stays one that a stranger reads: names, sizes and rooms. CI runs it.
+"""Check that a stranger can read the code: names, sizes and rooms. CI runs this script.
 
-An exemption is a line of one of the tables below and has a reason.
+Exemptions are lines of the tables below; each line gives the reason.
 """
 
 from __future__ import annotations
@@ -17,13 +17,13 @@ from typing import Final
 
 SOURCE: Final = Path(__file__).parents[1] / "src" / "frenetic"
 LOOSE: Final = {"__init__.py", "__main__.py", "errors.py"}
-"""Modules beside the rooms."""
+"""Modules that may lie beside the rooms."""
 MOST_LINES: Final = 500
-"""Lines of a module."""
+"""Most lines of a module."""
 MOST_CODE: Final = 50
-"""Lines of code of a function, without comments and docstrings."""
+"""Most lines of code of a function, without comments and docstrings."""
 MOST_PARAMETERS: Final = 7
-"""Parameters of a function, without ``self``."""
+"""Most parameters of a function, without ``self``."""
 PLACEHOLDERS: Final = frozenset(
     (
         "one",
@@ -40,21 +40,21 @@ PLACEHOLDERS: Final = frozenset(
         "how",
     )
 )
-"""Names that name nothing: repeat the noun instead."""
+"""Names that say nothing: name the thing instead."""
 RIDDLES: Final = re.compile(
     r"\b(likewise|it is none|they are wrong|see there|that of|those of|this one's|that one's)\b",
     re.I,
 )
-"""Words that send a reader elsewhere."""
+"""Words for which a reader must look elsewhere."""
 
-OPTIONS: Final = "its parameters are options of a user, by keyword"
+OPTIONS: Final = "its parameters are a user's options, passed by keyword"
 LONG_FUNCTIONS: Final = {
     "campaign/campaign.py:__init__": OPTIONS,
     "search/frenetic.py:__init__": OPTIONS,
     "search/frenetic_2021.py:__init__": OPTIONS,
-    "plugins/bench/host.py:make_executor": "a class that is made around one of the pipeline",
+    "plugins/bench/host.py:make_executor": "it makes a class around a class of the pipeline",
 }
-"""Module and function -> why it may be long; a kernel may be."""
+"""Module and function -> why the function may be long. A kernel may be long without an entry."""
 MANY_PARAMETERS: Final = {
     "campaign/campaign.py:__init__": OPTIONS,
     "campaign/record.py:of": "columns of a stored test",
@@ -70,9 +70,12 @@ MANY_PARAMETERS: Final = {
     "simulators/embedded/simulator.py:__init__": OPTIONS,
     "testing/lane_test.py:keeps_lane": OPTIONS,
 }
-"""Module and function -> why it may take many; a kernel may, and a command takes its options."""
+"""Module and function -> why it may have many parameters.
+
+Kernels and commands may have many without an entry.
+"""
 TRUE_NAMES: Final = {"told": "as in ask and tell: a strategy is told a result, in this order"}
-"""Name -> why it names its thing."""
+"""Name -> why it says enough."""
 
 
 def decorators(function: ast.FunctionDef | ast.AsyncFunctionDef) -> set[str]:
@@ -113,10 +116,10 @@ def parameters(function: ast.FunctionDef | ast.AsyncFunctionDef) -> int:
 
 
 def complaints(name: str, text: str) -> Iterator[str]:
-    """Yield what is wrong with one module."""
+    """Yield what is wrong with a module."""
     tree = ast.parse(text)
     if "/" not in name and name not in LOOSE:
-        yield f"{name}: a module beside the rooms; it belongs into one"
+        yield f"{name}: a module beside the rooms: move it into a room"
     length = text.count("\n")
     if length > MOST_LINES:
         yield f"{name}: {length} lines, at most {MOST_LINES}"
@@ -134,14 +137,14 @@ def complaints(name: str, text: str) -> Iterator[str]:
     for token in tokenize.generate_tokens(io.StringIO(text).readline):
         is_name = token.type == tokenize.NAME and token.string in PLACEHOLDERS
         if is_name and token.string not in TRUE_NAMES:
-            yield f"{name}:{token.start[0]}: the name '{token.string}' names nothing"
+            yield f"{name}:{token.start[0]}: the name '{token.string}' says nothing"
     for number, line in enumerate(text.splitlines(), 1):
         if riddle := RIDDLES.search(line):
-            yield f"{name}:{number}: '{riddle.group()}' sends the reader elsewhere: say it"
+            yield f"{name}:{number}: '{riddle.group()}': repeat the noun or the sentence instead"
 
 
 def main() -> int:
-    """Print all complaints; return 1 if there are some."""
+    """Print all complaints; return 1 if there are any."""
     homes: dict[str, list[str]] = defaultdict(list)
     lines: list[str] = []
     for path in sorted(SOURCE.rglob("*.py")):
