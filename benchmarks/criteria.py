@@ -67,16 +67,16 @@ def drivers(roads: int) -> None:
         road_class = class_of(name)
         rules = Rules() if road_class is None else Rules(speed_limit=road_class.speed_limit)
         simulator = EmbeddedSimulator(rules=rules)
-        driven = random_roads(name, roads)
+        class_roads = random_roads(name, roads)
         print(f"| roads: {name} | {' | '.join(criteria_sets())} |")
         print("| --- |" + " ---: |" * len(criteria_sets()))
         for driver_name, driver in DRIVERS.items():
-            drives = [simulator.drive(road, driver) for road in driven]
+            drives = [simulator.drive(road, driver) for road in class_roads]
             shares = []
             for criteria_set in criteria_sets().values():
                 passed = (
                     judge(road, with_criteria(drive, criteria_set)).outcome is Outcome.PASS
-                    for road, drive in zip(driven, drives, strict=True)
+                    for road, drive in zip(class_roads, drives, strict=True)
                 )
                 shares.append(f"{sum(passed) / roads:.0%}")
             print(f"| {driver_name} | {' | '.join(shares)} |")

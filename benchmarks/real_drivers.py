@@ -112,7 +112,7 @@ class TaskResult:
     """Largest lateral jerk at the design speed, in m/s³."""
     causes: list[str] = field(default_factory=list)
     """Causes of the failures at the speed `leaves`."""
-    usual: list[int] = field(default_factory=list)
+    design_speed_counts: list[int] = field(default_factory=list)
     """Counts at the design speed: drives that leave the lane, that touch its edge, all drives."""
     drives: int = 0
     """Number of all drives."""
@@ -259,7 +259,7 @@ def assess(task: Task, length: float, drawn: int, searched: int, simulations: in
                 break
         return results
 
-    usual = at(DESIGN_RUNG)
+    at_design_speed = at(DESIGN_RUNG)
     if task.driver in OWN_SPEED:
         speeds = speeds[: DESIGN_RUNG + 1]
     low = DESIGN_RUNG if task.driver in OWN_SPEED else 0
@@ -269,10 +269,14 @@ def assess(task: Task, length: float, drawn: int, searched: int, simulations: in
     return TaskResult(
         speeds[leaves] if failed else None,
         speeds[touches] if touches < len(speeds) else None,
-        max(result.acceleration for result in usual),
-        max(result.jerk for result in usual),
+        max(result.acceleration for result in at_design_speed),
+        max(result.jerk for result in at_design_speed),
         [result.cause for result in failed if result.leaves],
-        [sum(r.leaves for r in usual), sum(r.touches for r in usual), len(usual)],
+        [
+            sum(r.leaves for r in at_design_speed),
+            sum(r.touches for r in at_design_speed),
+            len(at_design_speed),
+        ],
         drives,
     )
 
@@ -311,7 +315,7 @@ def report(results: dict[Task, TaskResult]) -> str:
         parts = []
         for by_seed in (of(driver, roads, car, lag) for lag in lags):
             if by_seed and driver in OWN_SPEED:
-                counts = np.sum([result.usual for result in by_seed], axis=0)
+                counts = np.sum([result.design_speed_counts for result in by_seed], axis=0)
                 parts.append(f"{counts[int(event == 'touches')]} of {counts[2]}")
             else:
                 speeds = [getattr(result, event) for result in by_seed]
@@ -323,7 +327,7 @@ def report(results: dict[Task, TaskResult]) -> str:
         worst = (max(getattr(r, name) or 0.0 for r in by_seed) for name in ("acceleration", "jerk"))
         return ", ".join(f"{value:.1f}" for value in worst) if by_seed else "-"
 
-    usual = lags[len(lags) // 2]
+    middle_lag = lags[len(lags) // 2]
     causes = []
     for driver in drivers:
         counts = Counter(
@@ -355,10 +359,10 @@ def report(results: dict[Task, TaskResult]) -> str:
         ),
         table(
             "Largest lateral acceleration, m/s², and jerk, m/s³, at the design speed,"
-            f" lag {usual:g} s",
+            f" lag {middle_lag:g} s",
             ["driver", *names],
             [
-                [d, *(comfort_cell(of(d, name, "embedded", usual)) for name in names)]
+                [d, *(comfort_cell(of(d, name, "embedded", middle_lag)) for name in names)]
                 for d in drivers
             ],
         ),
@@ -375,7 +379,7 @@ def read(file: Path) -> dict[Task, TaskResult]:
     """Return the results in a file that `--out` wrote."""
     rows = json.loads(file.read_text(encoding="utf-8"))
     keys = Task.__annotations__
-    # The fields of the task are taken out of a row; its other fields are those of the result.
+    # A row has the fields of the task and of the result: take out the task's fields first.
     return {Task(**{key: row.pop(key) for key in keys}): TaskResult(**row) for row in rows}
 
 

@@ -108,7 +108,7 @@ def main() -> int:
     options = parser.parse_args()
     if min(options.simulations) < 1 or options.openings < 1:
         parser.error("--simulations and --openings must be at least 1")
-    is_root = hasattr(os, "geteuid") and os.geteuid() == 0  # to whom Chromium denies its sandbox
+    is_root = hasattr(os, "geteuid") and os.geteuid() == 0  # Chromium has no sandbox for root
     try:
         with (
             tempfile.TemporaryDirectory(dir=options.folder, prefix="frenetic-report-") as parent,

@@ -154,7 +154,7 @@ def main() -> None:
     )
     for name in options.drivers:
         driver = load_driver(name)
-        for kind, roads in (
+        for set_name, roads in (
             ("random", random_roads(options.roads, options.seed)),
             ("failing", failing_roads(options.roads, options.seed, driver)),
         ):
@@ -167,7 +167,8 @@ def main() -> None:
                 agreement = kappa(result.failed, reference.failed)
                 rank = stats.spearmanr(result.moobd, reference.moobd).statistic
                 print(
-                    f"{name:<18}{f'{len(roads)} {kind}':<12}{label:<21}{result.failed.mean():>7.1%}"
+                    f"{name:<18}{f'{len(roads)} {set_name}':<12}{label:<21}"
+                    f"{result.failed.mean():>7.1%}"
                     f"{np.mean(result.failed == reference.failed):>7.1%}"
                     f"{agreement:>7.2f}{rank:>7.2f}{result.rate:>9.1f}",
                     flush=True,

@@ -184,14 +184,14 @@ def compare_pools(count: int, simulations: int, rounds: int) -> None:
     candidates = [strategy.ask() for _ in range(simulations)]
     tester = RoadTester(EmbeddedSimulator(), Planner())
     print(f"{'workers':<22}{'roads/s, best':>14}{'ms of this process per road':>30}")
-    for name, kind in (
+    for name, attempts_of in (
         ("ours", attempts_of_local_workers),
         ("ProcessPoolExecutor", attempts_of_executor),
         ("multiprocessing.Pool", attempts_of_pool),
     ):
         rates, costs = [], []
         for _ in range(rounds):
-            attempts = kind(tester, candidates, count)
+            attempts = attempts_of(tester, candidates, count)
             next(attempts)
             start, cpu_start = time.perf_counter(), time.process_time()
             roads = sum(1 for _ in attempts)
