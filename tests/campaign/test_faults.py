@@ -393,3 +393,37 @@ def test_resume_finishes_a_campaign_that_was_killed_after_its_last_result(
     assert command("check", "c") == 0
     assert command("resume", "c") == 2
     assert "the budget of c is spent" in capsys.readouterr().err
+
+
+@posix_only
+@pytest.mark.parametrize(
+    "place",
+    [
+        "frenetic.campaign.store.CampaignStore.finish",
+        "frenetic.report.results.write_failures",
+        "frenetic.report.html.campaign.write_page",
+    ],
+)
+def test_a_resumed_campaign_killed_before_its_report_gets_a_new_one(
+    place: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert command(*RUN, "--simulations", "5", "--out", "c") == 0
+    page = Path("c/report.html")
+    old_page = page.read_text(encoding="utf-8")
+    more = ("resume", "c", "--simulations", "3", "--workers", "1")
+    assert killing.exit_code_of(killing.run_until, place, tmp_path, more) == -signal.SIGKILL
+    assert stored(Path("c")) == 8
+    assert page.read_text(encoding="utf-8") == old_page
+    assert "go on      frenetic resume c" in output_of("show", "c", capsys=capsys)
+    assert command("resume", "c", "--workers", "1") == 0
+    assert page.read_text(encoding="utf-8") != old_page
+    assert "go on" not in output_of("show", "c", capsys=capsys)
+    assert command("resume", "c") == 2
+    assert "the budget of c is spent" in capsys.readouterr().err
+
+
+def output_of(*words: str, capsys: pytest.CaptureFixture[str]) -> str:
+    capsys.readouterr()
+    assert command(*words) == 0
+    return capsys.readouterr().out

@@ -27,7 +27,7 @@ from frenetic.cli.options import (
     json_option,
 )
 from frenetic.cli.rerun_options import campaign_source
-from frenetic.cli.search import fail_on_failure_option, is_finished, make_campaign, search
+from frenetic.cli.search import fail_on_failure_option, make_campaign, search
 from frenetic.errors import CampaignError
 from frenetic.parts.registry import SIMULATORS
 from frenetic.parts.trust import is_here
@@ -61,18 +61,21 @@ def resume(
     never been interrupted, exactly so if its budget counts simulations or failures. The command
     refuses parts that were edited since: a driver's source, a module that it imports, a file that
     is its argument. A campaign that was killed between its last result and its report gets what is
-    missing. --simulations, --time and --failures add to what is spent. If BeamNG.tech has moved,
-    give its new place with --simulator, which holds for this command only.
+    missing, also where a report of an earlier end is left. --simulations, --time and --failures add
+    to what is spent. If BeamNG.tech has moved, give its new place with --simulator, which holds for
+    this command only.
     """
     from frenetic.campaign import CampaignStore
     from frenetic.campaign.configuration import SPEC
     from frenetic.campaign.status import has_judged
     from frenetic.report import results
+    from frenetic.report.html.campaign import has_report
 
     with CampaignStore.open(campaign) as store:
         config, facts, counts = store.config, store.facts, store.counts()
         seconds_spent, has_drives = store.elapsed(), has_judged(store)
         source = None if config.get(SPEC) is None else campaign_source(store)
+        is_reported = has_report(store)
     source = _require_search(campaign, config, source)
     more = {"simulations": simulations, "time": seconds, "failures": failures}
     spent = {
@@ -92,9 +95,8 @@ def resume(
             if SIMULATORS.is_own(spec.part("simulator").name):
                 spec = moved(spec, simulator)
         assert spec.budget is not None
-        share = spec.budget.spent(counts.simulations, seconds_spent, counts.failed)
-        is_spent = share >= 1.0
-        if is_spent and is_finished(campaign, facts):
+        is_spent = spec.budget.spent(counts.simulations, seconds_spent, counts.failed) >= 1.0
+        if is_spent and is_reported:
             raise ValueError(
                 f"the budget of {campaign} is spent: say how much more, with --simulations,"
                 " --time or --failures"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from contextlib import ExitStack, chdir, redirect_stdout
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -55,13 +55,6 @@ def make_campaign(spec: Spec, folder: Path, place: Path) -> Campaign:
 
     with announced_compilation(Log()), as_usage_error(), chdir(place):
         return Campaign.of(spec, folder=folder, isolate=True)
-
-
-def is_finished(folder: Path, facts: Mapping[str, object]) -> bool:
-    """Tell whether a campaign with these facts has ended and has its report."""
-    from frenetic.report.html import REPORT
-
-    return "finished_at" in facts and (folder / REPORT).is_file()
 
 
 def _resume_words(folder: Path) -> str:

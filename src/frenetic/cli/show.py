@@ -310,12 +310,11 @@ def _going_on(store: CampaignStore) -> str:
     """Return the command that goes on with a campaign or writes its report; empty if finished."""
     from frenetic.campaign.configuration import OWNER, SPEC
     from frenetic.campaign.status import Status, look
-    from frenetic.cli.search import is_finished
+    from frenetic.report.html.campaign import has_report
 
     state, config = look(store.folder), store.config
     is_search = config.get(SPEC) is not None and config.get(OWNER) is None
-    has_report = is_finished(store.folder, store.facts)
-    if state.status is Status.FINISHED and is_search and not has_report:
+    if state.status is Status.FINISHED and is_search and not has_report(store):
         return f"frenetic resume {shell(store.folder)}"
     return state.going_on
 

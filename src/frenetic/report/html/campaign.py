@@ -84,6 +84,8 @@ FILMS_SIZE: Final = 3_000_000
 """Most bytes of all pictures of a page."""
 REPORT: Final = "report.html"
 """Name of the report in a campaign's folder."""
+_BEGINNING: Final = 1024
+"""Bytes of a report among which is the end of its campaign; ours."""
 
 _LATE: Final = 0.8
 """Share of the tests after which failures are late; many late failures mean that more drives find
@@ -104,6 +106,8 @@ class Reading:
     """The tests in the feature map, with their features."""
     failures: Mapping[int, tuple[Test, Segment | None]]
     """The most severe failures, each with its segment, if it has records."""
+    finished_at: str = ""
+    """When the campaign ended; empty if it had not ended when its tests were read."""
 
     @classmethod
     def of(cls, store: CampaignStore) -> Reading:
@@ -112,6 +116,7 @@ class Reading:
         Raises:
             CampaignError: the campaign is damaged.
         """
+        finished_at = _finished_at(store.facts)  # first: a campaign that goes on ends anew
         rows = store.rows(
             "SELECT id, outcome, moobd FROM test WHERE result_number IS NOT NULL"
             " ORDER BY result_number"
@@ -141,7 +146,7 @@ class Reading:
                 severe[record.id] = record, segment
         clusters = distinct_among(store, failures)
         misses = None if counts.failed else nearest_misses(store)
-        return cls(tests, counts, clusters, misses, mapped, severe)
+        return cls(tests, counts, clusters, misses, mapped, severe, finished_at)
 
 
 def write_report(
@@ -170,6 +175,20 @@ def write_report(
         path = store.folder / REPORT if path is None else Path(path)
         report = campaign_report(store, reading=reading, sections=sections)
     return write_page(report, path)
+
+
+def has_report(store: CampaignStore) -> bool:
+    """Return whether a campaign has ended and its folder holds the report of this end.
+
+    A report that was written before the campaign was resumed does not count.
+    """
+    finished_at = _finished_at(store.facts)
+    try:
+        with (store.folder / REPORT).open("rb") as file:
+            beginning = file.read(_BEGINNING).decode("utf-8", "replace")
+    except OSError:
+        return False
+    return bool(finished_at) and Report("", (), finished_at=finished_at).finished_tag in beginning
 
 
 def campaign_report(
@@ -224,7 +243,13 @@ def campaign_report(
             "resolutions": COLUMNS,
             "drives": drives,
         },
+        finished_at=reading.finished_at,
     )
+
+
+def _finished_at(facts: Mapping[str, Any]) -> str:
+    """Return when a campaign with these facts ended; empty if it has not ended."""
+    return str(facts.get("finished_at", ""))
 
 
 def _drives(store: CampaignStore, reading: Reading, shown: Sequence[int]) -> list[dict[str, Any]]:

@@ -147,6 +147,13 @@ class Report:
     """The program and its version."""
     data: Mapping[str, Any] = field(default_factory=dict)
     """Data of the script beside the blocks, see `campaign_report` and `animate`."""
+    finished_at: str = ""
+    """When the campaign of the page ended; empty if it has not ended, or without a campaign."""
+
+    @property
+    def finished_tag(self) -> Markup:
+        """The tag near the page's beginning that says when its campaign ended."""
+        return Markup('<meta name="campaign-finished" content="{}">').format(self.finished_at)
 
 
 def render(report: Report) -> str:
