@@ -15,7 +15,8 @@ from made_drives import departing
 
 from frenetic.analysis import Clusters, Failure, cluster_failures, nearest_misses, segments_of
 from frenetic.analysis import clusters as module
-from frenetic.analysis.clusters import distinct_failures, representative_failures
+from frenetic.analysis.causes import Cause, Kind
+from frenetic.analysis.clusters import Cluster, distinct_failures, representative_failures
 from frenetic.analysis.failures import describe
 from frenetic.campaign import Campaign, CampaignStore
 from frenetic.oracle.outcome import Outcome
@@ -212,6 +213,35 @@ def test_the_example_of_a_cause_has_that_cause(tmp_path: Path) -> None:
             typical = Failure.of_test(store.test(cluster.typical))
             assert typical is not None
             assert typical.cause == cluster.cause
+
+
+@pytest.mark.parametrize(
+    ("left", "right", "text"),
+    [
+        (20, 0, "brakes too late into left-hand bends"),
+        (19, 1, "brakes too late into bends, mostly left-hand"),
+        (15, 5, "brakes too late into bends, mostly left-hand"),
+        (14, 6, "brakes too late into bends"),
+    ],
+)
+def test_a_cause_names_the_side_of_most_of_its_bends(left: int, right: int, text: str) -> None:
+    numbers: dict[Side, int] = {"left": left, "right": right}
+    clusters = tuple(
+        Cluster(
+            ids=tuple(range(number)),
+            most_severe=0,
+            typical=0,
+            moobd=-2.0,
+            side=None,
+            spread=0.0,
+            description="leaves",
+            cause=Cause(Kind.BRAKES_LATE, side),
+        )
+        for side, number in numbers.items()
+        if number
+    )
+    (cause,) = Clusters(clusters, module.THRESHOLD).causes
+    assert cause.words == text
 
 
 def test_an_unknown_id_has_no_cluster() -> None:

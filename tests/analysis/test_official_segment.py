@@ -47,6 +47,12 @@ def test_segment_is_cut_off_at_the_roads_ends() -> None:
     assert late[-1, 1] == pytest.approx(100.0)
 
 
+def test_four_points_are_enough_for_a_segment() -> None:
+    cut = competition_segment(NORTH[:4], (0.0, 15.0))
+    assert cut is not None
+    assert cut[:, 1] == pytest.approx([*range(15), 15.0, *range(15, 32)])
+
+
 @pytest.mark.parametrize(
     ("road", "position"),
     [

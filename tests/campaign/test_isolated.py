@@ -13,6 +13,7 @@ import sys
 import time
 from collections.abc import Callable, Sequence
 from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final, NoReturn
 
@@ -149,6 +150,21 @@ def test_conditions_reach_the_other_process() -> None:
     wet = Terms(conditions={"friction": 0.5})
     with pytest.raises(FreneticError, match="DummySimulator cannot vary friction"):
         RoadTester(DummySimulator(), PythonPlanner(), wet)
+
+
+class Measuring(EmbeddedSimulator):
+    """Knows its car once it has started, as one that asks another program."""
+
+    def __enter__(self) -> Any:
+        self.car = replace(self.car, width=1.5)
+        return super().__enter__()
+
+
+def test_the_car_is_as_the_other_process_has_measured_it() -> None:
+    simulator = Measuring()
+    assert simulator.car.width != 1.5
+    with DriveProcess(RoadTester(simulator, PythonPlanner())):
+        assert simulator.car.width == 1.5
 
 
 def test_only_compiled_drives_stay_in_this_process() -> None:

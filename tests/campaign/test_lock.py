@@ -68,6 +68,14 @@ def test_a_lock_has_one_holder_until_its_release(path: Path) -> None:
         assert holder(path) == "this process"
 
 
+def test_another_thread_may_release_a_lock(path: Path) -> None:
+    held = lock_file(path)
+    thread = threading.Thread(target=held.release)
+    thread.start()
+    thread.join()
+    assert holder(path) is None
+
+
 @pytest.mark.skipif(sys.platform != "linux", reason="compares when processes have started")
 def test_a_lock_names_the_process_that_holds_it(path: Path) -> None:
     with holding(path) as (process, _):

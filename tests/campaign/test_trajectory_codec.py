@@ -82,6 +82,14 @@ def test_a_usual_drive_takes_a_few_kilobytes() -> None:
     assert decode(DATA).time.tolist() == times
 
 
+@pytest.mark.parametrize("sign", [-1.0, 1.0])
+def test_the_largest_value_comes_back(sign: float) -> None:
+    rows = winding_drive(10).to_rows()
+    x = Trajectory.names().index("x")
+    rows[7, x] = sign * 2.0**51 * RESOLUTIONS["x"]
+    assert decode(encode(Trajectory.from_rows(rows))).to_rows()[7, x] == rows[7, x]
+
+
 @pytest.mark.parametrize("value", [np.nan, -np.inf, 1e300, -1e20])
 def test_unstorable_trajectories_are_refused(value: float) -> None:
     for name in ("time", "y", "brake"):

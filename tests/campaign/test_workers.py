@@ -56,6 +56,7 @@ from frenetic.campaign import CampaignStore, RoadTester
 from frenetic.campaign.check import check_campaign
 from frenetic.campaign.log import CampaignLog
 from frenetic.campaign.workers import InProcessWorker, LocalWorkers, Workers
+from frenetic.campaign.workers import local as local_workers
 from frenetic.drivers import Driver
 from frenetic.oracle.outcome import Outcome
 from frenetic.parts.registry import DRIVERS
@@ -279,6 +280,31 @@ def test_a_simulator_that_cannot_restart_ends_the_workers(
     ):
         for number in range(1, 10):
             assert drive_one(workers, number).failure == STALLED
+
+
+class Counting(FaultySimulator):
+    """Notes each of its starts and ends."""
+
+    def __init__(self, folder: Path, drive: Fault) -> None:
+        super().__init__(folder, drive=drive)
+        self.calls: list[str] = []
+
+    def __enter__(self) -> Any:
+        self.calls.append("start")
+        return super().__enter__()
+
+    def __exit__(self, *_: object) -> None:
+        self.calls.append("end")
+
+
+def test_a_simulator_that_broke_is_ended_once_and_started_for_the_next_road(marks: Marks) -> None:
+    simulator = Counting(marks.folder, drive=Fault(raise_error, marks.folder, times=1))
+    host = local_workers.TesterHost(RoadTester(simulator, DummyDriver()))
+    broken, whole = (host.test(candidate) for candidate in roads([8, 8]))
+    assert (broken.simulator_broke, whole.simulator_broke) == (True, False)
+    for _ in range(2):
+        host.close()
+    assert simulator.calls == ["start", "end"] * 2
 
 
 def test_a_worker_that_drove_before_may_fail_to_restart_once(marks: Marks, tmp_path: Path) -> None:

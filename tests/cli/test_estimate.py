@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 import math
 import signal
 import sys
@@ -28,6 +29,7 @@ from frenetic._support.arrays import FloatArray
 from frenetic.analysis.statistics import rate_interval
 from frenetic.campaign import CampaignStore, Event, RoadTester
 from frenetic.campaign.record import Attempt
+from frenetic.cli.estimate import estimate as estimate_command
 from frenetic.conditions.domain import Domain
 from frenetic.errors import CampaignError, FreneticError
 from frenetic.oracle.outcome import Outcome
@@ -370,6 +372,11 @@ def test_after_a_simulator_broke_the_same_call_goes_on(
             assert (counts.passed + counts.failed, counts.errors) == (24, attempt + 1)
     monkeypatch.setattr(Breaking, "is_broken", False)
     assert estimate(embedded(Breaking()), drives=100, out=out) == uninterrupted
+
+
+def test_library_and_command_drive_as_often_by_default() -> None:
+    (option,) = (option for option in estimate_command.params if option.name == "drives")
+    assert inspect.signature(estimate).parameters["drives"].default == option.default
 
 
 def test_estimate_prints_a_rate_that_show_and_report_repeat(

@@ -74,6 +74,12 @@ def test_a_lane_equals_the_view_ahead_at_its_spacing() -> None:
         np.testing.assert_array_equal(lane.distances, np.arange(0.0, 80.0, 2.0))
 
 
+def test_a_lane_has_a_point_each_metre_for_100_m_by_default() -> None:
+    lane = observations_on(WINDING)[0].lane()
+    np.testing.assert_allclose(lane.distances, np.arange(101.0))
+    assert len(lane.points) == 101
+
+
 @pytest.mark.parametrize(("spacing", "ahead", "behind"), [(0.5, 200.0, 30.0), (0.1, 0.3, 0.7)])
 def test_a_lane_lies_on_the_road_at_any_spacing_and_beyond_the_ends(
     spacing: float, ahead: float, behind: float

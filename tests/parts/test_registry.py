@@ -108,6 +108,18 @@ def test_an_option_of_the_wrong_type_is_refused_with_the_right_type(
     DRIVERS.make("own.py:Own", gain=2, mode="slow")
 
 
+def test_a_part_that_takes_any_option_refuses_one_in_its_own_words(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "own.py").write_text(
+        "class Own:\n    def __init__(self, **options): raise TypeError(f'too much: {options}')\n"
+        "    def reset(self, setup): pass\n    def act(self, observation): pass\n"
+    )
+    with pytest.raises(FreneticError, match=r"too much: \{'size': 'large'\}"):
+        DRIVERS.make("own.py:Own", size="large")
+
+
 def test_a_users_objective_is_a_function(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     (tmp_path / "own.py").write_text("class Other: pass\ndef near(road, drive): return 0.0\n")

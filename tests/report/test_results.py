@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shlex
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -105,6 +106,16 @@ def test_a_report_that_cannot_be_written_is_a_note(
     results = run(campaign(tmp_path / "c"))
     assert results.report is None
     assert results.notes[-1] == "There is no report: the disk is full"
+
+
+def test_after_slow_drives_the_command_that_shortens_roads_is_a_note(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("frenetic.report.results.SLOW_DRIVE", 0.0)
+    results = run(campaign(tmp_path / "a b"))
+    command = f"frenetic minimise {shlex.quote(str(tmp_path / 'a b'))} --top 3"
+    assert f"shorter roads for the same failures: {command}" in results.notes
+    assert not results.shortened
 
 
 def test_run_and_resume_are_names_of_the_package() -> None:

@@ -56,6 +56,8 @@ def test_a_junit_parser_finds_every_road(tmp_path: Path) -> None:
     assert messages["test 10"] == [(Error, "not judged: broke\\x00\\ud800")]
     assert [kind for kind, _ in messages["test 11"]] == [Error]
     assert messages["test 9"][0][1].startswith("fails now")
+    times = [case.get("time") for case in ET.parse(path).iter("testcase")]
+    assert times == ["0.250"] * 5  # in s, to the millisecond
     suite_of, of_7, *_ = (
         {p.get("name"): p.get("value") for p in element}
         for element in ET.parse(path).iter("properties")

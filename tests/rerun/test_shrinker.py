@@ -230,6 +230,13 @@ def test_samples_that_are_denser_than_10_m_are_thinned_out_first() -> None:
         assert shrink(spike, dense, max_trials=trials).shape.step == step
 
 
+def test_a_road_that_is_thinned_out_keeps_its_speed_limits() -> None:
+    limits = [50.0] * 4 + [30.0] * 7  # from 12 m on the lower one
+    start = Shape((0.0,) * 11, 3.0, tuple((0.0, 0.0, 0.0, limit) for limit in limits))
+    shape = shrink(start, when(lambda shape: shape.length == 30.0), max_trials=1).shape
+    assert (shape.step, [limit for *_, limit in shape.slopes]) == (10.0, [50.0, 50.0, 30.0, 30.0])
+
+
 def test_neighbours_have_to_have_the_property_too() -> None:
     def ask(shape: Shape) -> TrialResult:
         most = max(map(abs, shape.values))

@@ -163,6 +163,14 @@ def test_a_widening_lane_has_its_width_and_widening() -> None:
     assert profile.value_at(read.widening, [0.0, 50.0, 100.0]) == pytest.approx([0.0, 0.5, 1.0])
 
 
+def test_a_lane_of_2_m_is_driven_and_a_narrower_one_refused() -> None:
+    widths = {width: LANE.format(-1, "driving", width, 0) for width in (2.0, 1.99)}
+    maps = {w: RoadMap(opendrive(road(1, 0.0, 0.0, 100.0, right=widths[w]))) for w in widths}
+    assert maps[2.0].road().lane_width == 2.0
+    with pytest.raises(RoadError, match=r"its lane is 1\.99 m wide"):
+        maps[1.99].road()
+
+
 TOWN = opendrive(
     road(1, 0.0, 0.0, 60.0),
     # Road 2 leads back to the end of road 1, so its left lane continues road 1.
