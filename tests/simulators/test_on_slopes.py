@@ -32,6 +32,7 @@ from frenetic.oracle.outcome import Outcome
 from frenetic.plugins.beamng import BeamngSimulator
 from frenetic.plugins.metadrive import MetaDriveSimulator
 from frenetic.road import Pose, profile
+from frenetic.road.classes import GRAVITY
 from frenetic.road.geometry import project_near
 from frenetic.search import Candidate, Origin
 from frenetic.simulators import Simulator
@@ -52,7 +53,6 @@ from frenetic.simulators.embedded.single_track import (
 from frenetic.simulators.embedded.slopes import lay
 from frenetic.simulators.embedded.vehicle import (
     ACROSS,
-    GRAVITY,
     MOST_ACCELERATION,
     PULL_LEFT,
     TURN,

@@ -20,6 +20,7 @@ from vehiclemodels.vehicle_dynamics_st import vehicle_dynamics_st
 from frenetic._support.arrays import FloatArray
 from frenetic.drivers.driver import DRAG_FADE_SPEED
 from frenetic.oracle.drive import CarBody
+from frenetic.road.classes import GRAVITY
 from frenetic.simulators.embedded import single_track
 from frenetic.simulators.embedded.single_track import (
     HEADING,
@@ -33,7 +34,7 @@ from frenetic.simulators.embedded.single_track import (
     advance,
     motion,
 )
-from frenetic.simulators.embedded.vehicle import GRAVITY, Vehicle
+from frenetic.simulators.embedded.vehicle import Vehicle
 
 DT = 0.01  # s
 CAR = Vehicle()

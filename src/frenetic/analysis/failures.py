@@ -26,6 +26,7 @@ from frenetic.criteria.criterion import EDGE_DISTANCE
 from frenetic.errors import Fault
 from frenetic.oracle.outcome import Outcome
 from frenetic.oracle.verdict import Result, Side
+from frenetic.road import LANE_WIDTH
 from frenetic.search.approach import (
     ROAD_SIZE,
     STATES,
@@ -63,7 +64,7 @@ class Failure:
     """Speeds, (13,) in m/s, at the same places as `offsets`."""
     is_near_miss: bool = False
     """Whether the test passed. Then the place is where its MOOBD is, on the side of that edge."""
-    lane_width: float = 4.0
+    lane_width: float = LANE_WIDTH
     """Width of the lane, in m."""
     fault: Fault | None = None
     """Fault of the driver that ended the drive. Without records, all arrays hold zeros."""

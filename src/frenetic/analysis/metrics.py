@@ -22,6 +22,7 @@ from frenetic.analysis.sparseness import MOST_COMPARED, largest_distances, unlik
 from frenetic.campaign.counts import Counts
 from frenetic.campaign.store import CampaignStore
 from frenetic.oracle.outcome import Outcome
+from frenetic.road import LANE_WIDTH
 
 IntArray: TypeAlias = npt.NDArray[np.int64]
 Curve: TypeAlias = Literal["distinct_after", "failures_after"]
@@ -56,7 +57,7 @@ class CampaignMeasures:
     """Number of failing roads that are unlike each other, see `unlike_lines`."""
     competition_sparseness: float = -math.inf
     """Sparseness in edits, see `largest_distances`; minus infinity below two failures."""
-    lane_width: float = 4.0
+    lane_width: float = LANE_WIDTH
     """Width of each lane, in m."""
 
     @property

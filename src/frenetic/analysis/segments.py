@@ -89,9 +89,7 @@ class Segment:
     def whole(self) -> Segment:
         """Return the segment with the whole road and the whole drive."""
         n = len(self.assessment.distance)
-        whole = replace(self, start=0.0, end=self.road.length, first=0, last=n)
-        vars(whole)["signals"] = self.signals  # computed once for both
-        return whole
+        return replace(self, start=0.0, end=self.road.length, first=0, last=n)
 
 
 def segment_of(road: Road, drive: Drive, finding: Finding | None) -> Segment:

@@ -23,7 +23,7 @@ from frenetic.campaign.trajectory_codec import decode
 from frenetic.errors import CampaignError
 from frenetic.oracle.drive import Trajectory
 from frenetic.oracle.outcome import Outcome
-from frenetic.road import profile
+from frenetic.road import LANE_WIDTH, profile
 from frenetic.search.records import Candidate
 from frenetic.spec.terms import DriveSetting
 
@@ -101,8 +101,8 @@ class CampaignReader(NotebookRepr):
 
     @property
     def lane_width(self) -> float:
-        """Width of each lane, in m; 4.0 where the configuration lacks the setting."""
-        return 4.0 if isinstance(self._setting, str) else self._setting.lane_width
+        """Width of each lane, in m; `LANE_WIDTH` where the configuration lacks the setting."""
+        return LANE_WIDTH if isinstance(self._setting, str) else self._setting.lane_width
 
     @property
     def facts(self) -> Mapping[str, JSONValue]:

@@ -14,6 +14,7 @@ from frenetic._support.words import lane_words
 from frenetic.campaign.counts import Counts, FirstTests
 from frenetic.campaign.objective import Objective, worst_value
 from frenetic.campaign.record import Test
+from frenetic.road import LANE_WIDTH
 from frenetic.search.records import Evaluation
 from frenetic.spec import Budget
 
@@ -32,7 +33,7 @@ class Summary(Counts):
     """Spent share of the budget, 0..1."""
     reported_share: float | None = None
     """Spent share as a client reported it last; None without such a report."""
-    lane_width: float = 4.0
+    lane_width: float = LANE_WIDTH
     """Width of each lane, in m."""
     objective: str = ""
     """Name of the objective; empty for the MOOBD, or before the first drive."""

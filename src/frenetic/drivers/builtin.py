@@ -12,7 +12,8 @@ from frenetic._support.bounds import NotNegative, Positive, check
 from frenetic._support.scalars import take_numpy_scalars
 from frenetic.drivers import laws
 from frenetic.drivers.driver import Controls, DriveSetup, Observation
-from frenetic.drivers.elastic_band import GRAVITY, MEMORY
+from frenetic.drivers.elastic_band import MEMORY
+from frenetic.road.classes import GRAVITY
 
 
 def limits_of(observation: Observation, setup: FloatArray) -> FloatArray:

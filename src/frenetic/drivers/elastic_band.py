@@ -25,8 +25,6 @@ from frenetic._support.arrays import FloatArray
 from frenetic._support.compiled import njit
 from frenetic.drivers.driver import AHEAD_SPACING
 
-GRAVITY: Final = 9.81
-"""Acceleration of gravity, in m/s^2."""
 HORIZON: Final = 48.0
 """Length of road that is planned ahead of the car at most, in m."""
 MOST_SPEED: Final = 6.0

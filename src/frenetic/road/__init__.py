@@ -2,10 +2,11 @@
 
 from frenetic.road.placing import MAP_MARGIN, fit_to_map
 from frenetic.road.road import BEHAVIOUR, Pose, Road
-from frenetic.road.validity import MAP_SIZE, Verdict, check_validity
+from frenetic.road.validity import LANE_WIDTH, MAP_SIZE, Verdict, check_validity
 
 __all__ = [
     "BEHAVIOUR",
+    "LANE_WIDTH",
     "MAP_MARGIN",
     "MAP_SIZE",
     "Pose",

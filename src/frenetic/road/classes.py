@@ -55,7 +55,8 @@ from frenetic.road.validity import Verdict
 if TYPE_CHECKING:
     from frenetic.road.road import Road
 
-GRAVITY: Final = 9.81  # m/s²
+GRAVITY: Final = 9.81
+"""Acceleration of gravity, in m/s²: the standard 9.80665, rounded."""
 SPEEDS: Final = (20, 30, 40, 50, 60, 70, 80, 90, 100, 110, 120, 130)
 """Design speeds of AASHTO's tables, in km/h."""
 _FRICTION: Final = (0.35, 0.28, 0.23, 0.19, 0.17, 0.15, 0.14, 0.13, 0.12, 0.11, 0.09, 0.08)

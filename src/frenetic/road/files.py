@@ -23,7 +23,7 @@ from frenetic.road.opendrive import RoadMap, Stretch
 from frenetic.road.opendrive.following import SLOPE_ERROR, WIDTH_ERROR
 from frenetic.road.opendrive.ids import quoted_id
 from frenetic.road.road import MAX_COORDINATE, MIN_DISTANCE, START, Road
-from frenetic.road.validity import MAP_SIZE, Verdict, check_validity
+from frenetic.road.validity import LANE_WIDTH, MAP_SIZE, Verdict, check_validity
 
 MAX_BYTES: Final = 8 * 2**20
 """Largest road file that is read, in bytes; ours: a competition's test file has about 1 MiB."""
@@ -64,7 +64,7 @@ class RoadEntries(Struct):
     """Distance between two curvatures, in m."""
     pose: tuple[float, float, float] | None = None
     """x, y and heading of the first curvature, in m, m and rad."""
-    lane_width: float = 4.0
+    lane_width: float = LANE_WIDTH
     """Width of a lane, in m."""
     superelevation: list[tuple[float, float]] | None = None
     """Pairs of m and m/m."""

@@ -15,6 +15,7 @@ from frenetic.road import geometry, profile
 from frenetic.road.from_points import curvature_from_points
 from frenetic.road.placing import MAP_MARGIN, fit_to_map
 from frenetic.road.validity import (
+    LANE_WIDTH,
     MAP_SIZE,
     RoadRules,
     Verdict,
@@ -99,7 +100,7 @@ class Road:
     """Distance between two samples, in m."""
     pose: Pose = START
     """Place and direction of the first sample."""
-    lane_width: float = 4.0
+    lane_width: float = LANE_WIDTH
     """Width of each of the two lanes, in m."""
     superelevation: FloatArray = field(default_factory=lambda: profile.NOTHING)
     """Slope across the road, (k, 2) in m and m/m, positive falls to the right, as in OpenDRIVE."""
@@ -117,7 +118,7 @@ class Road:
         step: float = 10.0,
         pose: tuple[float, float, float] = START,
         *,
-        lane_width: float = 4.0,
+        lane_width: float = LANE_WIDTH,
         superelevation: npt.ArrayLike = (),
         grade: npt.ArrayLike = (),
         widening: npt.ArrayLike = (),
@@ -149,7 +150,7 @@ class Road:
             )
 
     @classmethod
-    def from_points(cls, points: npt.ArrayLike, *, lane_width: float = 4.0) -> Road:
+    def from_points(cls, points: npt.ArrayLike, *, lane_width: float = LANE_WIDTH) -> Road:
         """Return the road through centre-line points of any spacing, as in the competition.
 
         Points that sample a road with piecewise linear curvature at equal distances give exactly

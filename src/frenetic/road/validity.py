@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     import numpy.typing as npt
 
 __all__ = [
+    "LANE_WIDTH",
     "MAP_SIZE",
     "Verdict",
     "check_validity",
@@ -31,11 +32,13 @@ __all__ = [
 
 MAP_SIZE: Final = 200.0
 """Side of the competition's square map, in m."""
+LANE_WIDTH: Final = 4.0
+"""Width of each of the two lanes of the competition's roads, in m; the default of any road."""
 
 _MAX_POINTS: Final = 500
 _NODE_DISTANCE: Final = 1.0  # [m] along the polyline of the road points
 _MIN_STEPS: Final = 20
-_HALF_WIDTH: Final = 4.0  # [m]
+_HALF_WIDTH: Final = LANE_WIDTH  # [m] of a road of two lanes
 _MIN_LENGTH: Final = 20.0  # [m]
 _MIN_RADIUS: Final = 47.0  # [ft]
 _FEET_PER_METRE: Final = 3.280839895

@@ -20,7 +20,8 @@ CONDITIONS: Final = "conditions"
 # All values are ours.
 _SMALL_DEVIATION: Final = 0.08  # of a small change, in shares of the domain's drives
 _LARGE_DEVIATION: Final = 0.25  # of a large change, in shares of the domain's drives
-_AHEAD: Final = 15.0  # [m], mean and deviation of the way from a moved stretch to the place
+_MEAN_LEAD: Final = 15.0  # [m], mean way from the start of a moved stretch to the place
+_LEAD_DEVIATION: Final = 15.0  # [m], deviation of that way
 _SMALL_CHANGE_SHARE: Final = 0.4  # of children on another road whose conditions change, too
 
 
@@ -82,7 +83,7 @@ def changed(
         _step(rng, domain, shares, int(rng.integers(len(shares))), _LARGE_DEVIATION)
         for i, axis in enumerate(domain.axes):
             if axis != SEED and condition_named(axis).place_of:
-                there = place + rng.normal(-_AHEAD, _AHEAD)
+                there = place + rng.normal(-_MEAN_LEAD, _LEAD_DEVIATION)
                 shares[i] = min(max(there / length, 0.0), 1.0)
     return domain.at(shares, length)
 

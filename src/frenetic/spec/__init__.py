@@ -16,12 +16,13 @@ from frenetic.spec.budget import Budget
 from frenetic.spec.files import DRIVEN, SIGNED, read_entries, sign_driven, write_entries
 from frenetic.spec.parts import USUAL, Part, usual_of
 from frenetic.spec.run_entries import RunEntries, Signed
-from frenetic.spec.spec import FILE, Spec
+from frenetic.spec.spec import DRIVING, FILE, Spec
 from frenetic.spec.values import COMPETITION, MAX_WORKERS, read_workers
 
 __all__ = [
     "COMPETITION",
     "DRIVEN",
+    "DRIVING",
     "FILE",
     "MAX_WORKERS",
     "SIGNED",

@@ -7,7 +7,7 @@ from dataclasses import asdict, replace
 from functools import cached_property
 from pathlib import Path
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, Final, Self
+from typing import TYPE_CHECKING, Any, Final, Self, Unpack
 
 from msgspec import defstruct, structs
 
@@ -135,8 +135,10 @@ class Spec(RunEntries, frozen=True, kw_only=True):
         Raises:
             FreneticError: the file does not exist, or lacks a usable entry ``driven``.
         """
+        from frenetic.road import LANE_WIDTH  # too slow for help
+
         data = read_bounded(Path(path))
-        file_type = defstruct("File", [(DRIVEN, Any), ("lane_width", Positive, 4.0)])
+        file_type = defstruct("File", [(DRIVEN, Any), ("lane_width", Positive, LANE_WIDTH)])
         try:
             file: Any = read_json(data, file_type)
         except ValueError as error:
@@ -183,7 +185,7 @@ class Spec(RunEntries, frozen=True, kw_only=True):
         Args:
             has_roads: whether the roads exist, with a map and a lane width of their own.
         """
-        entries = _DRIVING if has_roads else (*_DRIVING, "roads", *_TERMS)
+        entries = DRIVING if has_roads else (*DRIVING, "roads", *_TERMS)
         values = {name: getattr(self, name) for name in entries}
         if not has_roads and self._names_roads:
             values["roads"] = roads_entry(self.road_class)
@@ -202,7 +204,7 @@ class Spec(RunEntries, frozen=True, kw_only=True):
 
     def without_driving(self, *, has_roads: bool = False) -> Spec:
         """Return the spec without the entries of its `driving_spec`."""
-        entries = _DRIVING if has_roads else (*_DRIVING, "roads", *_TERMS)
+        entries = DRIVING if has_roads else (*DRIVING, "roads", *_TERMS)
         empty = Spec()
         return structs.replace(self, **{name: getattr(empty, name) for name in entries})
 
@@ -249,7 +251,7 @@ class Spec(RunEntries, frozen=True, kw_only=True):
         *,
         others: trust.Parts = MappingProxyType({}),
         sources: object = None,
-        **options: Any,
+        **options: Unpack[trust.TrustOptions],
     ) -> Path:
         """Return the folder from which the named code may be loaded, see `frenetic.parts.trust`.
 
@@ -257,7 +259,7 @@ class Spec(RunEntries, frozen=True, kw_only=True):
             source: the file or campaign that holds this spec.
             others: other parts that the source names, such as a bench's entrants.
             sources: sources that the source stores, as for `frenetic.parts.trust.sign`.
-            options: other arguments of `frenetic.parts.trust.require_trusted`.
+            options: other options of `frenetic.parts.trust.require_trusted`.
 
         Raises:
             FreneticError: the user has not trusted it.
@@ -437,7 +439,7 @@ class Spec(RunEntries, frozen=True, kw_only=True):
         return {"seed": self.seed, **of_terms, "spec": self}
 
 
-_DRIVING: Final = (
+DRIVING: Final = (
     *("driver", "simulator", "conditions", "speed_limit", "oob_tolerance", "criteria"),
     "wall_limit",
 )

@@ -13,7 +13,7 @@ from frenetic._support.scalars import take_numpy_scalars, without_numpy
 from frenetic.conditions.condition import require_allowed
 from frenetic.conditions.domain import Domain
 from frenetic.oracle.drive import CarBody, Rules
-from frenetic.road import MAP_MARGIN, MAP_SIZE
+from frenetic.road import LANE_WIDTH, MAP_MARGIN, MAP_SIZE
 from frenetic.road.classes import RoadClass
 from frenetic.road.road import MAX_COORDINATE, checked_lane_width
 from frenetic.simulators.conditions import check_conditions, rules_in
@@ -32,7 +32,7 @@ class Terms:
     """Side of the square map into which roads are fitted, in m."""
     map_margin: NotNegative = MAP_MARGIN
     """Distance that a road's centre line keeps from the map's edge, in m."""
-    lane_width: Positive = 4.0
+    lane_width: Positive = LANE_WIDTH
     """Width of each of the two lanes, in m."""
     road_class: RoadClass | None = None
     """Class whose rules valid roads keep; None for the competition's."""

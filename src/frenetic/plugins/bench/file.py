@@ -26,7 +26,7 @@ from frenetic.plugins.bench.entrants import PLACES, Entrant, entrant_parts
 from frenetic.plugins.bench.presets import find_preset
 from frenetic.plugins.bench.recipes import find_recipe
 from frenetic.plugins.bench.runs import RunTerms
-from frenetic.spec import SIGNED, USUAL, Signed, Spec
+from frenetic.spec import DRIVING, SIGNED, USUAL, Signed, Spec
 from frenetic.spec.files import read_table
 from frenetic.spec.terms import Terms
 
@@ -141,9 +141,10 @@ def _read(text: str) -> tuple[str, dict[str, Any], str | None]:
 
 
 _OWN: Final = frozenset(BenchFile.__struct_fields__)
-_DRIVING: Final = (
-    *("driver", "simulator", "with", "speed_limit", "oob_tolerance", "criteria", "wall_limit"),
-    *("roads", "map_size", "objective", SIGNED),
+_OF_SPEC: Final = frozenset(
+    entry.encode_name
+    for entry in structs.fields(Spec)
+    if entry.name in {*DRIVING, "roads", "map_size", "objective", SIGNED}
 )
 """Entries of a bench's file that belong to its spec."""
 _USUAL: Final = {name: USUAL[name] for name in ("driver", "simulator")}
@@ -181,8 +182,8 @@ def _split(entries: Mapping[str, Any]) -> tuple[Spec, BenchFile]:
     """
     bench_entries = {name: value for name, value in entries.items() if name in _OWN}
     said = {name: value for name, value in entries.items() if name not in _OWN}
-    if unknown := [name for name in said if name not in _DRIVING]:
-        known = sorted({*_OWN, *_DRIVING})
+    if unknown := [name for name in said if name not in _OF_SPEC]:
+        known = sorted(_OWN | _OF_SPEC)
         raise ValueError(f"there is no entry {unknown[0]!r}{hint(unknown[0], known)}")
     spec = Spec.of(_USUAL, said)
     signed = convert(said.get(SIGNED), Signed | None)

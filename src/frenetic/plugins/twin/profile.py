@@ -19,6 +19,7 @@ from frenetic._support.files import read_bounded, write_file
 from frenetic._support.outside_text import read_json
 from frenetic.errors import FreneticError
 from frenetic.parts.trust import is_here, named_code
+from frenetic.road import LANE_WIDTH
 from frenetic.spec import SIGNED, USUAL, Spec
 
 
@@ -92,7 +93,7 @@ class TwinProfile(ProfileRecord, frozen=True, kw_only=True):
     """Name for people."""
     driven: dict[str, Any]
     """Driver, car, conditions and rules, as `frenetic.spec.Spec.driving_spec` gives them."""
-    lane_width: Positive = 4.0
+    lane_width: Positive = LANE_WIDTH
     """m."""
     fitted: list[Fitted] = []
     recordings: list[str] = []

@@ -27,7 +27,7 @@ from frenetic.oracle.drive import Rules
 from frenetic.oracle.outcome import Outcome
 from frenetic.oracle.verdict import assess
 from frenetic.plugins.twin.fitting import LEAST, RecordedDrive, on_grid, states_of
-from frenetic.road import Road
+from frenetic.road import LANE_WIDTH, Road
 from frenetic.road.files import RoadEntries, RoadFile
 from frenetic.search.records import Trace
 from frenetic.spec import Spec
@@ -43,7 +43,7 @@ class RecordedTerms(Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
     speed_limit: Positive = 70.0
     """Speed limit, in km/h."""
     oob_tolerance: Share = 0.95
-    lane_width: Positive = 4.0
+    lane_width: Positive = LANE_WIDTH
     """Width of a lane, in m."""
     map_size: Positive = 200.0
     """Side of the map, in m."""

@@ -21,6 +21,7 @@ from typing import Final
 
 from frenetic._support.arrays import FloatArray
 from frenetic._support.compiled import njit
+from frenetic.road.classes import GRAVITY
 from frenetic.road.geometry import CURVATURE, frame_at, heading_at, project_near, reach_of
 from frenetic.simulators.embedded.single_track import (
     HEADING,
@@ -34,7 +35,6 @@ from frenetic.simulators.embedded.single_track import (
 from frenetic.simulators.embedded.vehicle import (
     ACROSS,
     AHEAD,
-    GRAVITY,
     IS_TILTED,
     LEAST_ACCELERATION,
     LEFT,

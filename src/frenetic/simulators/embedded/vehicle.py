@@ -22,9 +22,8 @@ from frenetic._support.bounds import NotNegative, Positive, check
 from frenetic.drivers.driver import DriveSetup
 from frenetic.oracle.drive import CarBody, Rules
 from frenetic.road import Road
+from frenetic.road.classes import GRAVITY
 
-GRAVITY: Final = 9.81
-"""m/s²."""
 AIR_DENSITY: Final = 1.2
 """kg/m³, at 20 °C."""
 STEP_RATE: Final = 100.0
