@@ -78,6 +78,11 @@ def test_a_spec_of_its_own_entries_is_equal(spec: Spec) -> None:
     assert Spec.of(spec.entries()) == Spec.of(spec) == Spec.of({}, spec) == spec
 
 
+@given(specs)
+def test_equal_specs_have_one_hash(spec: Spec) -> None:
+    assert len({spec, Spec.of(spec.entries())}) == 1
+
+
 def test_an_empty_spec_has_the_defaults_of_the_parts() -> None:
     spec = Spec()
     assert spec.user_values == {}

@@ -169,6 +169,11 @@ class RunEntries(
         for name, value in values.items():
             structs.force_setattr(self, name, value)
 
+    def __hash__(self) -> int:
+        """Return a hash of all entries but tables, which have none."""
+        values = structs.astuple(self)
+        return hash(tuple(value for value in values if not isinstance(value, dict)))
+
     @property
     def user_values(self) -> dict[str, Any]:
         """Name of each attribute that the user sets -> its value."""
