@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import errno
 import os
+import stat
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
+from io import BufferedReader
 from pathlib import Path
 from typing import Final, TypeVar
 
@@ -18,6 +20,31 @@ MAX_BYTES: Final = 4 * 2**20
 """Largest file of a run, a bench or a calibration that is read, in bytes; ours."""
 
 
+def open_file(path: Path) -> BufferedReader:
+    """Open a file to read its bytes, unless it is a pipe or a device, see `refuse_pipe`.
+
+    Raises:
+        OSError: the file is missing or unreadable, or it is a pipe or a device.
+        ValueError: the path has a NUL.
+    """
+    refuse_pipe(path)
+    return path.open("rb")
+
+
+def refuse_pipe(path: Path) -> None:
+    """Refuse a pipe or a device, which a process may wait forever to open.
+
+    Those under ``/dev`` are let through: the shell connects them, as for ``<(...)``.
+
+    Raises:
+        OSError: there is no such file, or it is a pipe or a device.
+        ValueError: the path has a NUL.
+    """
+    mode = path.stat().st_mode
+    if not (stat.S_ISREG(mode) or stat.S_ISDIR(mode) or path.is_relative_to("/dev")):
+        raise OSError(errno.EINVAL, "it is a pipe or a device, where a file is needed")
+
+
 def read_bounded(path: Path) -> bytes:
     """Return the content of a file of at most `MAX_BYTES`.
 
@@ -25,7 +52,7 @@ def read_bounded(path: Path) -> bytes:
         FreneticError: the file is missing, unreadable or too large.
     """
     try:
-        with path.open("rb") as file:
+        with open_file(path) as file:
             data = file.read(MAX_BYTES + 1)
     except FileNotFoundError:
         raise FreneticError(f"there is no file {path}") from None

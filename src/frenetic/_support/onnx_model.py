@@ -14,6 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from frenetic._support.arrays import FloatArray
+from frenetic._support.files import open_file
 from frenetic._support.words import pip_install
 from frenetic.errors import FreneticError, describe_error
 
@@ -109,7 +110,8 @@ def read_model(path: str) -> bytes:
         ValueError: the file is missing or cannot be read.
     """
     try:
-        return Path(path).expanduser().read_bytes()
+        with open_file(Path(path).expanduser()) as file:
+            return file.read()
     except FileNotFoundError:
         raise ValueError(f"there is no file {path!r}") from None
     except OSError as error:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import platform
 from contextlib import suppress
-from io import RawIOBase
+from io import BufferedReader
 from pathlib import Path
 from typing import Final
 
@@ -13,6 +13,7 @@ from filelock import FileLock, Timeout, lock_descriptor
 from msgspec import Struct
 from msgspec.json import encode
 
+from frenetic._support.files import open_file
 from frenetic._support.outside_text import read_json
 from frenetic._support.words import present_moment
 from frenetic.errors import CampaignError
@@ -35,10 +36,10 @@ class _Holder(Struct):
         return cls(process_id, platform.node(), _start_of(process_id), present_moment())
 
     @classmethod
-    def read(cls, file: RawIOBase) -> _Holder:
+    def read(cls, file: BufferedReader) -> _Holder:
         """Return the last holder of the lock on a file."""
         file.seek(1)  # on Windows the first byte is locked
-        return read_json(file.read() or b"", cls)
+        return read_json(file.read(), cls)
 
     def __str__(self) -> str:
         """Return the process, if it surely is the one that runs here under this number."""
@@ -80,7 +81,7 @@ def holder(path: Path) -> str | None:
     Nothing changes.
     """
     try:
-        with path.open("rb", buffering=0) as file:
+        with open_file(path) as file:
             with suppress(OSError):  # files cannot be locked there by a reader
                 if lock_descriptor(file.fileno(), blocking=False):
                     return None
@@ -94,7 +95,7 @@ def holder(path: Path) -> str | None:
 def last_host(path: Path) -> str | None:
     """Return the machine that locked a file last; None if that is not known."""
     try:
-        with path.open("rb", buffering=0) as file:
+        with open_file(path) as file:
             return _Holder.read(file).host
     except (ValueError, OSError):
         return None

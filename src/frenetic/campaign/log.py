@@ -27,10 +27,12 @@ import os
 from contextlib import suppress
 from datetime import UTC, datetime
 from enum import StrEnum
+from io import TextIOWrapper
 from logging.handlers import WatchedFileHandler
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, Literal, Self, TypeAlias
 
+from frenetic._support.files import open_file, refuse_pipe
 from frenetic._support.outside_text import read_json
 from frenetic.oracle.outcome import Outcome
 
@@ -169,7 +171,7 @@ def _traced(trouble: Trouble | None) -> dict[str, JSONValue]:
 def results_in_log(folder: Path) -> int:
     """Return the number of results of which a campaign's log tells."""
     most = 0
-    with suppress(OSError), (folder / LOG).open("rb") as file:
+    with suppress(OSError), open_file(folder / LOG) as file:
         for line in file:
             with suppress(ValueError, LookupError, TypeError):
                 record = read_json(line)
@@ -186,6 +188,11 @@ class _LogFile(WatchedFileHandler):
         self.setFormatter(_JSONLine())
         owner = os.getpid()
         self.addFilter(lambda _: os.getpid() == owner)
+
+    def _open(self) -> TextIOWrapper:
+        with suppress(FileNotFoundError):
+            refuse_pipe(Path(self.baseFilename))
+        return super()._open()
 
     def emit(self, record: logging.LogRecord) -> None:
         with suppress(OSError):  # it cannot be opened

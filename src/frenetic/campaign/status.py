@@ -14,6 +14,7 @@ from typing import Any, Final
 
 from msgspec import Struct, structs, to_builtins
 
+from frenetic._support.files import open_file
 from frenetic._support.outside_text import read_json
 from frenetic._support.words import printable
 from frenetic.campaign.configuration import (
@@ -221,7 +222,7 @@ def is_client_driven(config: Mapping[str, Any]) -> bool:
 
 def _lines(path: Path) -> Iterator[News]:
     """Yield the complete lines at the end of a log, without foreign lines."""
-    with suppress(OSError), path.open("rb") as file:
+    with suppress(OSError), open_file(path) as file:
         file.seek(-min(TAIL, os.fstat(file.fileno()).st_size), os.SEEK_END)
         for text in file.read().splitlines():
             with suppress(ValueError):

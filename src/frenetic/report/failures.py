@@ -136,6 +136,6 @@ def write_failures(
 def _holds(path: Path, text: str) -> bool:
     """Return whether a file exists and has this text."""
     try:
-        return path.read_text(encoding="utf-8") == text
+        return path.is_file() and path.read_text(encoding="utf-8") == text
     except (OSError, ValueError):
         return False

@@ -13,7 +13,7 @@ import numpy as np
 from msgspec import Struct, convert
 
 from frenetic._support.arrays import FloatArray
-from frenetic._support.files import require_list
+from frenetic._support.files import open_file, require_list
 from frenetic._support.outside_text import read_json
 from frenetic._support.words import counted
 from frenetic.errors import RoadError
@@ -371,7 +371,7 @@ def _load(path: Path) -> bytes:
     try:
         if path.is_dir():
             raise RoadError(f"{path} is a folder: a JSON or OpenDRIVE file is needed")
-        with path.open("rb") as file:
+        with open_file(path) as file:
             data = file.read(most + 1)
     except FileNotFoundError:
         raise RoadError(f"there is no file {path}") from None

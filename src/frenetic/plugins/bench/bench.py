@@ -17,7 +17,7 @@ import msgspec
 from filelock import FileLock
 
 from frenetic._support.bounds import Count, Index, check
-from frenetic._support.files import FolderInUse, write_file
+from frenetic._support.files import FolderInUse, open_file, write_file
 from frenetic._support.outside_text import read_json
 from frenetic._support.words import counted
 from frenetic.analysis.comparison import (
@@ -358,7 +358,8 @@ def read_record(folder: Path | str) -> BenchRecord:
     """
     path = Path(folder) / RECORD
     try:
-        return read_json(path.read_bytes(), BenchRecord)
+        with open_file(path) as file:
+            return read_json(file.read(), BenchRecord)
     except FileNotFoundError:
         raise FreneticError(f"{folder} holds no bench: give the folder of one") from None
     except (OSError, ValueError) as error:

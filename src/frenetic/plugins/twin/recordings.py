@@ -17,7 +17,7 @@ from msgspec import Meta, Struct, structs
 
 from frenetic._support.arrays import FloatArray
 from frenetic._support.bounds import Finite, Positive, Share
-from frenetic._support.files import require_list
+from frenetic._support.files import open_file, require_list
 from frenetic._support.outside_text import read_json
 from frenetic.analysis.groups import find_campaigns
 from frenetic.campaign.database import DATABASE
@@ -181,7 +181,8 @@ def _recorded(road: Road, states: FloatArray, outcome: Outcome, run: str) -> Rec
 
 def _read(file: Path) -> bytes:
     try:
-        return file.read_bytes()
+        with open_file(file) as opened:
+            return opened.read()
     except OSError as error:
         raise FreneticError(f"{file} cannot be read: {error.strerror or error}") from None
 

@@ -15,6 +15,7 @@ from typing import Any, Final
 from msgspec.json import encode
 
 from frenetic._support.entry_points import imported, installed
+from frenetic._support.files import open_file
 from frenetic._support.json_value import JSONValue, plain
 from frenetic._support.words import (
     capitalised,
@@ -184,7 +185,7 @@ def has_report(store: CampaignStore) -> bool:
     """
     finished_at = _finished_at(store.facts)
     try:
-        with (store.folder / REPORT).open("rb") as file:
+        with open_file(store.folder / REPORT) as file:
             beginning = file.read(_BEGINNING).decode("utf-8", "replace")
     except OSError:
         return False
