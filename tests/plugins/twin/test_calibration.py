@@ -1,4 +1,4 @@
-"""Calibration: recordings are read, known parameters found, and what is left open is said."""
+"""Calibration reads recordings, finds known parameters and says which stay undetermined."""
 
 from __future__ import annotations
 
@@ -36,8 +36,8 @@ if TYPE_CHECKING:
 
 pytest_plugins = ["command_line"]
 
-KNOWN = 7.3
-OWN = """
+TRUE_ACCELERATION = 7.3  # [m/s^2], lateral, of the recorded driver
+RAISING_DRIVER = """
 class Raises:
     def __init__(self, gain=1.0):
         self.gain = gain
@@ -51,19 +51,21 @@ class Raises:
 
 
 @pytest.fixture(scope="module", autouse=True)
-def one_start() -> Iterator[None]:
-    """Two folds, whose fits begin with the model as it was alone: for speed."""
+def quick_fits() -> Iterator[None]:
+    """Fit from one start and validate on two folds, for speed."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(calibration, "STARTS", 0)
         patch.setattr(calibration, "FOLDS", 2)
         yield
 
 
-def recorded(folder: Path, seed: int, drives: int, known: float = KNOWN) -> Path:
-    """A campaign of random roads with a driver of known parameters."""
+def record_campaign(
+    folder: Path, seed: int, drives: int, lateral_acceleration: float = TRUE_ACCELERATION
+) -> Path:
+    """Drive random roads with a driver of this lateral acceleration; return the folder."""
     Campaign(
         strategy=RandomSearch(seed=seed),
-        driver=Stanley(lateral_acceleration=known),
+        driver=Stanley(lateral_acceleration=lateral_acceleration),
         simulator=EmbeddedSimulator(),
         budget=Budget(simulations=drives),
         folder=folder,
@@ -74,7 +76,7 @@ def recorded(folder: Path, seed: int, drives: int, known: float = KNOWN) -> Path
 @pytest.fixture(scope="module")
 def campaigns(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
     folder = tmp_path_factory.mktemp("recorded")
-    return [recorded(folder / f"run-{seed}", seed, 8) for seed in (101, 102)]
+    return [record_campaign(folder / f"run-{seed}", seed, 8) for seed in (101, 102)]
 
 
 @pytest.fixture(scope="module")
@@ -82,82 +84,82 @@ def recordings(campaigns: list[Path]) -> Recordings:
     return read_recordings(campaigns)
 
 
-# What is found
+# Fitted parameters
 
 
 @pytest.mark.heavy
-def test_a_known_parameter_is_found_and_an_idle_one_is_called_undetermined(
+def test_a_fit_finds_a_known_parameter_and_calls_an_idle_parameter_undetermined(
     recordings: Recordings, tmp_path: Path
 ) -> None:
     model = TwinModel.of("stanley", ["lateral_acceleration", "vehicle.brake_deceleration=7:9"])
     profile = calibrate(recordings, model)
-    found, idle = profile.fitted
-    assert found.value == pytest.approx(KNOWN, rel=0.01)
-    assert found.from_ <= KNOWN <= found.to
-    assert found.is_determined
-    # No drive brakes so hard.
-    assert not idle.is_determined
-    assert (idle.from_, idle.to) == pytest.approx((7.0, 9.0))
+    acceleration, braking = profile.fitted
+    assert acceleration.value == pytest.approx(TRUE_ACCELERATION, rel=0.01)
+    assert acceleration.from_ <= TRUE_ACCELERATION <= acceleration.to
+    assert acceleration.is_determined
+    # No drive brakes hard enough to determine the limit.
+    assert not braking.is_determined
+    assert (braking.from_, braking.to) == pytest.approx((7.0, 9.0))
     assert profile.validation is not None
     assert profile.validation.by == "run"
     assert profile.validation.twin.offset_error is not None
     assert profile.validation.twin.offset_error < 0.05
     profile.write(tmp_path / "twin.json")
-    read = TwinProfile.read(tmp_path / "twin.json")
-    assert read == profile
-    driver: Any = read.spec().make_driver()
-    simulator: Any = read.spec().make_simulator()
-    values = [found.value, idle.value]
+    read_profile = TwinProfile.read(tmp_path / "twin.json")
+    assert read_profile == profile
+    driver: Any = read_profile.spec().make_driver()
+    simulator: Any = read_profile.spec().make_simulator()
+    values = [acceleration.value, braking.value]
     assert [driver.lateral_acceleration, simulator.vehicle.brake_deceleration] == values
 
 
 @pytest.mark.heavy
-def test_parameters_that_make_up_for_each_other_are_not_determined(recordings: Recordings) -> None:
-    asked = ["vehicle.friction=0.5:1.2", "vehicle.tyre_peak=0.5:1.5"]
-    model = TwinModel.of("stanley", asked, driver_options={"lateral_acceleration": KNOWN})
-    for one in calibrate(recordings, model).fitted:
-        assert one.to / one.from_ > 1.3
+def test_parameters_with_the_same_effect_are_undetermined(recordings: Recordings) -> None:
+    fit = ["vehicle.friction=0.5:1.2", "vehicle.tyre_peak=0.5:1.5"]
+    model = TwinModel.of("stanley", fit, driver_options={"lateral_acceleration": TRUE_ACCELERATION})
+    for parameter in calibrate(recordings, model).fitted:
+        assert parameter.to / parameter.from_ > 1.3
 
 
 @pytest.mark.heavy
-def test_an_interval_that_ends_at_a_bound_is_a_warning_and_usual_bounds_are_wide(
+def test_an_interval_that_ends_at_a_bound_gives_a_warning_and_usual_bounds_are_wide(
     tmp_path: Path,
 ) -> None:
-    slow = read_recordings([recorded(tmp_path / "slow", 101, 12, known=2.5)])
+    slow = read_recordings([record_campaign(tmp_path / "slow", 101, 12, 2.5)])
     narrow, usual = (
         calibrate(slow, TwinModel.of("stanley", [f"lateral_acceleration{bounds}"]))
         for bounds in ("=3:12", "")
     )
-    (one,) = narrow.fitted
-    assert one.from_ == pytest.approx(3.0)
-    assert (one.at_bound, one.is_determined) == (True, False)
+    (acceleration,) = narrow.fitted
+    assert acceleration.from_ == pytest.approx(3.0)
+    assert (acceleration.at_bound, acceleration.is_determined) == (True, False)
     assert answer(narrow).endswith(
         "; the bounds decide driver.lateral_acceleration: widen them, and calibrate again"
     )
-    (one,) = usual.fitted
-    assert one.value == pytest.approx(2.5, rel=0.03)
-    assert one.is_determined
+    (acceleration,) = usual.fitted
+    assert acceleration.value == pytest.approx(2.5, rel=0.03)
+    assert acceleration.is_determined
     assert "widen" not in answer(usual)
 
 
 def test_runs_of_a_road_are_held_out_together(recordings: Recordings) -> None:
-    one = [d for d in recordings.drives if d.run == recordings.runs[0]]
-    fold = folds_of([*one, *one], by_run=False)
-    assert (fold[: len(one)] == fold[len(one) :]).all()
+    run = [d for d in recordings.drives if d.run == recordings.runs[0]]
+    fold = folds_of([*run, *run], by_run=False)
+    assert (fold[: len(run)] == fold[len(run) :]).all()
     assert sorted(set(fold.tolist())) == [0, 1]
     by_run = folds_of(recordings.drives, by_run=True)
     assert len({(d.run, k) for d, k in zip(recordings.drives, by_run, strict=True)}) == 2
     with pytest.raises(FreneticError, match="of one road"):
-        folds_of([one[0], one[0]], by_run=False)
+        folds_of([run[0], run[0]], by_run=False)
 
 
-def test_what_nothing_can_be_fitted_to_is_refused(
+def test_too_few_recordings_and_a_driver_that_raises_are_refused(
     recordings: Recordings, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     few = Recordings(recordings.drives[:9], recordings.terms, 0)
     with pytest.raises(FreneticError, match="9 recorded drives: at least 10"):
         calibrate(few, TwinModel.of("stanley", ["braking"]))
-    (tmp_path / "mine.py").write_text(OWN, encoding="utf-8")
+    (tmp_path / "mine.py").write_text(RAISING_DRIVER, encoding="utf-8")
     monkeypatch.chdir(tmp_path)
     with pytest.raises(FreneticError, match="the driver broke: the driver raised ValueError: no"):
         calibrate(recordings, TwinModel.of("mine.py:Raises", ["gain"]))
@@ -172,11 +174,10 @@ def test_figures_of_a_ranking_agree_with_counting() -> None:
     pairs = [(a > b) + 0.5 * (a == b) for a in score[:2] for b in score[2:]]
     assert auc_of(score, failed) == pytest.approx(np.mean(pairs))
     assert auc_of(score, np.ones(6)) is None
-    # Of the first two of twenty both fail; or one of three equal ones that share the two places.
     ranks, fails = np.arange(20.0), np.zeros(20)
-    fails[[18, 19]] = 1.0
+    fails[[18, 19]] = 1.0  # both roads of the top tenth fail
     assert top_tenth(ranks, fails) == pytest.approx(10.0)
-    ranks[17:] = 19.0
+    ranks[17:] = 19.0  # three equal roads, two of which fail, share the two first ranks
     assert top_tenth(ranks, fails) == pytest.approx(10.0 * 2 / 3)
 
 
@@ -197,41 +198,44 @@ def test_a_difference_has_the_error_of_its_independent_groups() -> None:
         (30, 0.7, 0.6, 3.0, 0.6, "fair"),
         (30, 0.6, 0.45, 3.0, 0.5, "poor"),
         (30, 0.8, 0.7, 1.0, 0.6, "poor"),
-        (160, 0.8, 0.7, 1.2, 0.6, "good"),  # of 1.25 that are possible
+        (160, 0.8, 0.7, 1.2, 0.6, "good"),  # 1.25 is the highest possible lift
         (9, 0.9, 0.8, 9.0, 0.6, "unknown"),
         (195, 0.9, 0.8, 1.0, 0.6, "unknown"),
     ],
 )
-def test_the_verdict(
+def test_the_verdict_follows_from_failures_auc_lift_and_baseline(
     failures: int, auc: float, low: float, lift: float, baseline: float, verdict: str
 ) -> None:
-    twin, other = PredictionFigures(auc=auc, top_tenth=lift), PredictionFigures(auc=baseline)
+    twin, baseline_figures = (
+        PredictionFigures(auc=auc, top_tenth=lift),
+        PredictionFigures(auc=baseline),
+    )
     failed = (np.arange(200) < failures).astype(float)
-    found, reason = verdict_of(twin, failed, (low, 0.95), {"length": other})
-    assert found == verdict
+    rating, reason = verdict_of(twin, failed, (low, 0.95), {"length": baseline_figures})
+    assert rating == verdict
     assert ("length ranks no worse" in reason) == (baseline >= auc)
 
 
-def test_a_verdict_tells_baselines_and_a_twin_that_fails_more_or_less_often() -> None:
+def test_the_reason_names_better_baselines_and_a_wrong_number_of_failures() -> None:
     failed = (np.arange(200) < 30).astype(float)
     twin = PredictionFigures(auc=0.8, top_tenth=3.0)
-    found, reason = verdict_of(twin, failed, (0.7, 0.9), {UNFITTED: twin})
-    assert found == "fair"
+    rating, reason = verdict_of(twin, failed, (0.7, 0.9), {UNFITTED: twin})
+    assert rating == "fair"
     assert "the driver as it was ranks no worse" in reason
-    found, reason = verdict_of(twin, failed, (0.7, 0.9), {UNFITTED: twin, "length": twin})
-    assert found == "poor"
+    rating, reason = verdict_of(twin, failed, (0.7, 0.9), {UNFITTED: twin, "length": twin})
+    assert rating == "poor"
     assert "the driver as it was and length rank no worse" in reason
-    for ours, is_client_driven in ((0, True), (29, False), (46, True)):
-        twin = PredictionFigures(auc=0.8, top_tenth=3.0, twin_failures=ours)
+    for twin_failures, has_warning in ((0, True), (29, False), (46, True)):
+        twin = PredictionFigures(auc=0.8, top_tenth=3.0, twin_failures=twin_failures)
         _, reason = verdict_of(twin, failed, (0.7, 0.9), {})
-        assert ("trust its order, not its outcomes" in reason) == is_client_driven
+        assert ("trust its order, not its outcomes" in reason) == has_warning
 
 
 # The model
 
 
 @pytest.mark.parametrize(
-    ("asked", "message"),
+    ("fit", "message"),
     [
         (["brakng"], r"no parameter 'brakng' to fit; did you mean 'braking'\? stanley has:"),
         (["braking", "driver.braking"], "driver.braking is to be fitted twice"),
@@ -244,9 +248,9 @@ def test_a_verdict_tells_baselines_and_a_twin_that_fails_more_or_less_often() ->
         ([], "nothing is to be fitted"),
     ],
 )
-def test_parameters_that_cannot_be_fitted(asked: list[str], message: str) -> None:
+def test_parameters_that_cannot_be_fitted_are_refused(fit: list[str], message: str) -> None:
     with pytest.raises(FreneticError, match=message):
-        TwinModel.of("stanley", asked)
+        TwinModel.of("stanley", fit)
 
 
 def test_usual_bounds_end_where_no_car_can_be_made() -> None:
@@ -261,11 +265,12 @@ def test_usual_bounds_end_where_no_car_can_be_made() -> None:
 # Recordings
 
 HUGE = int("9" * 320)
-"""A number that JSON holds and a float does not."""
+"""A number that fits into JSON, but not into a float."""
 MOVES = {"time": [0, 1], "x": [0, 5], "y": [0, 0]}
 
 
 def row_of(**more: Any) -> str:
+    """Return a table's row, a passed test with these entries."""
     return json.dumps({"curvatures": [0.0, 0.01], "outcome": "PASS"} | more)
 
 
@@ -281,17 +286,17 @@ DRIVE = row_of(
 )
 
 
-def test_an_export_is_read_as_its_campaign(campaigns: list[Path], tmp_path: Path) -> None:
+def test_an_export_reads_like_its_campaign(campaigns: list[Path], tmp_path: Path) -> None:
     export_campaign(campaigns[0], "competition", tmp_path / "out", trajectories="all")
-    found = read_recordings([tmp_path / "out"]).drives
-    own = read_recordings([campaigns[0]]).drives
-    assert [one.failed for one in found] == [one.failed for one in own]
-    for theirs, ours in zip(found, own, strict=True):
-        assert theirs.road.pose == pytest.approx(ours.road.pose, abs=1e-3)
-        m = min(theirs.states.shape[1], ours.states.shape[1])
-        assert abs(theirs.states.shape[1] - ours.states.shape[1]) <= 1
-        assert theirs.states[0, :m] == pytest.approx(ours.states[0, :m], abs=1e-3)
-        assert theirs.states[1, :m] == pytest.approx(ours.states[1, :m], abs=0.2)
+    exported = read_recordings([tmp_path / "out"]).drives
+    originals = read_recordings([campaigns[0]]).drives
+    assert [drive.failed for drive in exported] == [drive.failed for drive in originals]
+    for drive, original in zip(exported, originals, strict=True):
+        assert drive.road.pose == pytest.approx(original.road.pose, abs=1e-3)
+        m = min(drive.states.shape[1], original.states.shape[1])
+        assert abs(drive.states.shape[1] - original.states.shape[1]) <= 1
+        assert drive.states[0, :m] == pytest.approx(original.states[0, :m], abs=1e-3)
+        assert drive.states[1, :m] == pytest.approx(original.states[1, :m], abs=0.2)
 
 
 @pytest.mark.parametrize(
@@ -327,10 +332,10 @@ def test_recordings_under_different_terms_are_not_mixed(
 ) -> None:
     table = tmp_path / "tests.jsonl"
     table.write_text(f"{DRIVE}\n{row_of()}\n", encoding="utf-8")
-    found = read_recordings([table])
-    assert found.skipped == 1  # without a trajectory
-    assert found.drives[0].run == f"{table}, a\u2028b"
-    assert found.drives[0].states[1] == pytest.approx([10.0] * 21)  # from places and times
+    recordings = read_recordings([table])
+    assert recordings.skipped == 1  # without a trajectory
+    assert recordings.drives[0].run == f"{table}, a\u2028b"
+    assert recordings.drives[0].states[1] == pytest.approx([10.0] * 21)  # from places and times
     assert len(read_recordings([campaigns[0], table]).drives) == 9
     faster = tmp_path / "faster"
     Campaign(
@@ -345,7 +350,7 @@ def test_recordings_under_different_terms_are_not_mixed(
 
 # The command
 
-FILE = """
+FIT_FILE = """
 recordings = ["slow"]
 driver = "stanley"
 fit = ["lateral_acceleration=5:9", "delay=0:0.1"]
@@ -353,9 +358,9 @@ fit = ["lateral_acceleration=5:9", "delay=0:0.1"]
 FIT = ("--driver", "stanley", "--fit", "lateral_acceleration=5:9,delay=0:0.1")
 
 
-def test_it_prints_a_verdict_and_writes_a_profile(frenetic: Frenetic) -> None:
-    recorded(Path("slow"), 101, 12)
-    Path("fit.toml").write_text(FILE, encoding="utf-8")
+def test_calibrate_prints_a_verdict_and_writes_a_profile(frenetic: Frenetic) -> None:
+    record_campaign(Path("slow"), 101, 12)
+    Path("fit.toml").write_text(FIT_FILE, encoding="utf-8")
     result = frenetic("calibrate", "fit.toml", "--fit", "delay=0:0.1", "--out", "new/twin.json")
     assert result.code == 0
     for words in ("condition.delay", "largest curvature", "start from"):
@@ -381,10 +386,10 @@ def test_it_prints_a_verdict_and_writes_a_profile(frenetic: Frenetic) -> None:
         ("fold = 1", ("fit.toml",), ("there is no entry 'fold'; there are recordings, terms",)),
     ],
 )
-def test_a_mistake_is_one_line(
+def test_calibrate_answers_a_mistake_in_one_line(
     frenetic: Frenetic, entries: str, options: tuple[str, ...], words: tuple[str, ...]
 ) -> None:
     Path("slow").mkdir()
     Path("slow/one.json").write_text(DRIVE, encoding="utf-8")
-    Path("fit.toml").write_text(FILE + entries, encoding="utf-8")
+    Path("fit.toml").write_text(FIT_FILE + entries, encoding="utf-8")
     assert frenetic("calibrate", *options).refuses(*words)

@@ -1,4 +1,4 @@
-"""The search with foresight: a twin learns the driver and says what roads will bring."""
+"""The search with foresight: a twin learns the driver and predicts the outcome of roads."""
 
 from __future__ import annotations
 
@@ -37,32 +37,33 @@ if TYPE_CHECKING:
 
 pytest_plugins = ["command_line"]
 
-HIDDEN = Stanley(lateral_acceleration=7.5, offset_gain=0.8, braking=4.0)
-"""The driver under test, whose parameters the twin has to find."""
+HIDDEN_DRIVER = Stanley(lateral_acceleration=7.5, offset_gain=0.8, braking=4.0)
+"""Driver under test, whose parameters the twin has to find."""
 TWIN = TwinProfile.of("twin", Spec(driver="planner,lateral_acceleration=7.8"))
 
 
-def driven(
+def drive_all(
     candidates: Sequence[Candidate], driver: Driver, spec: Spec
 ) -> list[tuple[Candidate, Evaluation]]:
+    """Drive candidates; return each with its evaluation."""
     simulator = EmbeddedSimulator(rules=spec.rules)
-    found = []
+    evaluated = []
     for candidate in candidates:
         road = candidate.road(spec.terms.lane_width)
-        with in_conditions(candidate.conditions, simulator, driver) as own:
-            drive = simulator.drive(road, own)
-        found.append((candidate, evaluate(candidate, road, drive)))
-    return found
+        with in_conditions(candidate.conditions, simulator, driver) as conditioned:
+            drive = simulator.drive(road, conditioned)
+        evaluated.append((candidate, evaluate(candidate, road, drive)))
+    return evaluated
 
 
 @pytest.mark.heavy
-def test_a_twin_learns_a_driver_and_foresees_where_it_fails() -> None:
+def test_a_twin_learns_a_driver_and_predicts_where_it_fails() -> None:
     spec = Spec()
     search = RandomSearch(seed=1)
     roads = [search.ask() for _ in range(60)]
-    models = [TwinModel.of(law, [*SPEED, *own, *CAR]) for law, own in LAWS.items()]
+    models = [TwinModel.of(law, [*SPEED, *steering, *CAR]) for law, steering in LAWS.items()]
     twin = OnlineTwin(models, spec)
-    drives = driven(roads, HIDDEN, spec)
+    drives = drive_all(roads, HIDDEN_DRIVER, spec)
     for candidate, evaluation in drives[:20]:
         twin.learn(candidate, evaluation)
     assert twin.is_ready
@@ -71,21 +72,21 @@ def test_a_twin_learns_a_driver_and_foresees_where_it_fails() -> None:
     assert facts["loss"] < 0.05
     agreed, differences = 0, []
     for candidate, evaluation in drives[20:]:
-        seen = twin.foresee(candidate)
-        assert seen is not None
-        agreed += seen.outcome == evaluation.outcome
-        if Outcome.FAIL == seen.outcome == evaluation.outcome:
-            ours, theirs = (
-                critical_places(e, candidate, e.moobd or 0.0)[0] for e in (seen, evaluation)
+        prediction = twin.foresee(candidate)
+        assert prediction is not None
+        agreed += prediction.outcome == evaluation.outcome
+        if Outcome.FAIL == prediction.outcome == evaluation.outcome:
+            predicted, driven = (
+                critical_places(e, candidate, e.moobd or 0.0)[0] for e in (prediction, evaluation)
             )
-            differences.append(float(np.linalg.norm(ours.vector - theirs.vector)))
+            differences.append(float(np.linalg.norm(predicted.vector - driven.vector)))
     assert agreed > 0.9 * len(drives[20:])
     assert len(differences) > 5
     assert np.median(differences) < 1.0
 
 
 def spec_of(**options: Any) -> Spec:
-    """A search whose twin is the driver under test but for its speed in bends."""
+    """Return a search whose twin differs from the driver under test in its speed in bends only."""
     return Spec(
         strategy=part_word("foresight", {"random_roads": 15, "random_budget": 0.5, **options}),
         driver="stanley,lateral_acceleration=7.5",
@@ -97,7 +98,7 @@ def spec_of(**options: Any) -> Spec:
 
 @pytest.fixture
 def profile(tmp_path: Path) -> Path:
-    """A profile whose one parameter is to be fitted."""
+    """A profile with one parameter to fit, the speed in bends."""
     spec = Spec.of(spec_of(), {"driver": "lateral_acceleration=7.0"})
     entries = {"low": 3.0, "high": 12.0, "from": 6.0, "to": 8.0}
     speed = {"name": "driver.lateral_acceleration", "value": 7.0, **entries}
@@ -118,9 +119,9 @@ def test_a_campaign_with_foresight_finds_more_and_goes_on_with_the_same_roads(
     Campaign.of(spec_of(profile=str(profile)), folder=whole, workers=1).run()
     with CampaignStore.open(whole) as store:
         facts: Any = store.fact(FACTS)
-    chosen = facts["children with foresight"]
-    assert chosen > facts["children without foresight"]
-    assert facts["new failures with foresight"] > 0.7 * chosen
+    foreseen_children = facts["children with foresight"]
+    assert foreseen_children > facts["children without foresight"]
+    assert facts["new failures with foresight"] > 0.7 * foreseen_children
     first = Campaign.of(spec_of(profile=str(profile)), folder=tmp_path / "found", workers=1)
     assert first.run(on_event=on_result(stop)).interrupted
     with CampaignStore.open(tmp_path / "found") as store:
@@ -130,16 +131,16 @@ def test_a_campaign_with_foresight_finds_more_and_goes_on_with_the_same_roads(
     with pytest.raises(CampaignError, match="made with another strategy"):
         Campaign.of(recorded, folder=tmp_path / "found", workers=1).resume()
     profile.write_bytes(before)
-    # It does not depend on the number of workers either.
+    # The number of workers makes no difference either.
     Campaign.of(recorded, folder=tmp_path / "found", workers=2).resume()
     assert contents(tmp_path / "found") == contents(whole)
     assert check_campaign(tmp_path / "found").findings == ()
 
 
-def test_a_profile_foresees_from_the_start_and_is_fitted_on(profile: Path) -> None:
+def test_a_profile_predicts_from_the_start_and_is_fitted_further(profile: Path) -> None:
     twin = OnlineTwin([TwinModel.of_profile(TwinProfile.read(profile))], Spec(), is_ready=True)
     search = RandomSearch(seed=2)
-    drives = driven([search.ask() for _ in range(25)], Stanley(lateral_acceleration=7.5), Spec())
+    drives = drive_all([search.ask() for _ in range(25)], Stanley(lateral_acceleration=7.5), Spec())
     assert twin.foresee(drives[0][0]) is not None
     assert twin.facts() == {"twin": "stanley, lateral_acceleration 7"}
     for candidate, evaluation in drives:
@@ -151,7 +152,7 @@ def test_a_profile_foresees_from_the_start_and_is_fitted_on(profile: Path) -> No
 
 
 @pytest.mark.heavy
-def test_a_domain_is_searched_in_the_twins_conditions(profile: Path) -> None:
+def test_foresight_works_in_a_domain_whose_fog_the_driver_ignores(profile: Path) -> None:
     conditions = {"friction": {"low": 0.5, "high": 1.0}, "fog": {"low": 20.0, "high": 200.0}}
     search = foresight(Spec.of(spec_of(), {"odd": {"conditions": conditions}}), profile)
     assert isinstance(search, Frenetic)
@@ -160,22 +161,22 @@ def test_a_domain_is_searched_in_the_twins_conditions(profile: Path) -> None:
         candidate = search.ask()
         friction = {n: v for n, v in candidate.conditions.items() if n == "friction"}
         road = candidate.road(4.0)
-        with in_conditions(friction, simulator, HIDDEN) as own:
-            search.tell(evaluate(candidate, road, simulator.drive(road, own)))
+        with in_conditions(friction, simulator, HIDDEN_DRIVER) as conditioned:
+            search.tell(evaluate(candidate, road, simulator.drive(road, conditioned)))
     assert search.facts()["children with foresight"] > 0
 
 
-def test_run_show_and_report_say_what_foresight_came_to(frenetic: Command) -> None:
+def test_run_show_and_report_show_the_facts_of_foresight(frenetic: Command) -> None:
     TWIN.write(Path("twin.json"))
     foresight = ("--strategy", "foresight,profile=twin.json,random_roads=4")
     run = ("run", *foresight, "--seed", "3", "--workers", "1", "--out", "found")
     facts = frenetic(*run, "--simulations", "20", "--json").json["facts"]
     assert facts["twin"] == "planner"
     shown = " ".join(frenetic("show", "found").out.split())
-    said = f"children with foresight {facts['children with foresight']}"
-    assert said in shown
+    children = f"children with foresight {facts['children with foresight']}"
+    assert children in shown
     assert frenetic("show", "found", "--json").json["facts"]["search"] == facts
-    assert said in Path("found/report.html").read_text(encoding="utf-8")
+    assert children in Path("found/report.html").read_text(encoding="utf-8")
     assert "twin.json" in Path("found/campaign.toml").read_text(encoding="utf-8")
 
 
@@ -194,7 +195,7 @@ def test_run_show_and_report_say_what_foresight_came_to(frenetic: Command) -> No
         ((), {"with": {"noise": 0.1}}, "the condition noise, which nobody fitted"),
     ],
 )
-def test_a_twin_that_does_not_suit_is_refused_in_a_line(
+def test_an_unsuitable_twin_is_refused_in_one_line(
     frenetic: Command, options: tuple[str, ...], entries: dict[str, Any], message: str
 ) -> None:
     TWIN.write(Path("twin.json"))
@@ -207,8 +208,8 @@ def test_a_twin_that_does_not_suit_is_refused_in_a_line(
     assert not Path("found").exists()
 
 
-def test_a_twin_needs_the_same_lane(tmp_path: Path) -> None:
+def test_a_twin_of_another_lane_width_is_refused(tmp_path: Path) -> None:
     TWIN.write(tmp_path / "twin.json")
-    made = partial(foresight, Spec(lane_width=5.0), tmp_path / "twin.json")
+    make = partial(foresight, Spec(lane_width=5.0), tmp_path / "twin.json")
     with pytest.raises(FreneticError, match="lane width 4, not 5"):
-        made()
+        make()

@@ -1,4 +1,4 @@
-"""Profiles: written and read, refused where they are wrong, and driven with by `--as`."""
+"""Profiles of twins: reading, writing, errors in them, and driving with `--as`."""
 
 from __future__ import annotations
 
@@ -37,8 +37,8 @@ TWIN = TwinProfile.of(
 ROAD = [0.0, 0.01, 0.03, 0.05, 0.02, -0.02, -0.04, -0.01, 0.0]
 
 
-def changed(path: Path, driven: dict[str, Any], **entries: Any) -> Path:
-    """The file of `TWIN` with other entries, also in how it drives; None for no such entry."""
+def write_changed(path: Path, driven: dict[str, Any], **entries: Any) -> Path:
+    """Write `TWIN` with other entries, also in ``driven``; the value None removes an entry."""
     TWIN.write(path)
     document = json.loads(path.read_text(encoding="utf-8")) | entries
     known = document["driven"] | driven
@@ -47,11 +47,11 @@ def changed(path: Path, driven: dict[str, Any], **entries: Any) -> Path:
     return path
 
 
-def test_it_is_read_as_written_and_drives_as_its_parts_made_by_hand(tmp_path: Path) -> None:
+def test_a_profile_reads_as_written_and_drives_like_parts_made_by_hand(tmp_path: Path) -> None:
     TWIN.write(tmp_path / "new" / "twin.json")
-    read = TwinProfile.read(tmp_path / "new" / "twin.json")
-    assert read == TWIN
-    tester = RoadTester.of(read.spec())
+    profile = TwinProfile.read(tmp_path / "new" / "twin.json")
+    assert profile == TWIN
+    tester = RoadTester.of(profile.spec())
     by_hand = EmbeddedSimulator(
         vehicle=Vehicle.of({"name": "metadrive", "mass": 1300.0}),
         rules=Rules(speed_limit=80.0, oob_tolerance=0.85, road_limits="ignored"),
@@ -76,30 +76,30 @@ def test_it_is_read_as_written_and_drives_as_its_parts_made_by_hand(tmp_path: Pa
         ({"speed_limit": 0.0}, {}, r"speed_limit is 0.0: a number > 0 is needed"),
     ],
 )
-def test_what_is_wrong_in_a_profile_is_named(
+def test_an_error_in_a_profile_names_the_entry(
     tmp_path: Path, driven: dict[str, Any], entries: dict[str, Any], message: str
 ) -> None:
-    path = changed(tmp_path / "twin.json", driven, **entries)
+    path = write_changed(tmp_path / "twin.json", driven, **entries)
     with pytest.raises(FreneticError, match=message) as caught:
         TwinProfile.read(path)
     assert str(path) in str(caught.value)
 
 
 @pytest.mark.parametrize("content", [b"", b"[]", b"\xff\xfe", b"[" * 10**5, b" " * (MAX_BYTES + 1)])
-def test_what_is_no_profile_is_refused(tmp_path: Path, content: bytes) -> None:
+def test_a_file_that_is_no_profile_is_refused(tmp_path: Path, content: bytes) -> None:
     path = tmp_path / "twin.json"
     path.write_bytes(content)
     with pytest.raises(FreneticError, match=r"does not say how roads are driven|too large"):
         TwinProfile.read(path)
 
 
-def test_given_options_lie_over_those_of_the_profile(tmp_path: Path) -> None:
+def test_options_override_the_profile(tmp_path: Path) -> None:
     TWIN.write(tmp_path / "twin.json")
     campaign = Spec(conditions={"noise": 0.2}, map_size=300.0, lane_width=5.0)
 
     def over(has_roads: bool = True, **entries: Any) -> Spec:
-        given = CommandOptions(Spec(**entries), tmp_path / "twin.json")
-        return given.over(campaign, has_roads=has_roads)
+        options = CommandOptions(Spec(**entries), tmp_path / "twin.json")
+        return options.over(campaign, has_roads=has_roads)
 
     spec = over(driver="braking=3.0", speed_limit=60.0)
     assert spec.driver == "stanley,aggression=1.2,braking=3.0"
@@ -113,31 +113,31 @@ def test_given_options_lie_over_those_of_the_profile(tmp_path: Path) -> None:
     assert over(driver="stanley").driver == TWIN.spec().driver
 
 
-def test_a_profile_loads_nobodys_code_unasked(tmp_path: Path) -> None:
-    path = changed(tmp_path / "twin.json", {"driver": "elsewhere.py:Bold,aggression=1.2"})
+def test_a_profile_loads_code_only_if_trusted(tmp_path: Path) -> None:
+    path = write_changed(tmp_path / "twin.json", {"driver": "elsewhere.py:Bold,aggression=1.2"})
     with pytest.raises(FreneticError, match=r"'elsewhere\.py:Bold', code that you have not trust"):
         TwinProfile.read(path).spec()
 
 
-def test_commands_drive_with_a_profile_and_its_campaign_keeps_what_it_says(
+def test_a_campaign_stores_the_profile_with_which_it_was_driven(
     frenetic: Frenetic,
 ) -> None:
     TWIN.write(Path("twin.json"))
     budget = ("--failures", "1", "--seed", "1", "--workers", "1", "--out", "c")
     assert frenetic("run", "--as", "twin.json", *budget).code == 0
-    Path("twin.json").rename("moved.json")  # the record holds all of it
+    Path("twin.json").rename("moved.json")  # the campaign's record holds the whole profile
     (road,) = Path("c/failures").glob("test-*.json")
     recorded = json.loads(road.read_text(encoding="utf-8"))
     assert recorded["lane_width"] == 4.5
-    again = frenetic("drive", str(road), "--json").json
-    assert again["moobd"] == recorded["moobd"]
-    assert again["driver"]["options"]["aggression"] == 1.2
-    assert again["conditions"] == {"delay": 0.05}
-    assert again["simulator"]["options"]["vehicle"]["mass"] == 1300.0
-    again = frenetic("rerun", "c", "--as", "moved.json", "--driver", "aggression=1.1", "--json")
-    assert "'aggression': 1.1" in str(again.json)
+    answer = frenetic("drive", str(road), "--json").json
+    assert answer["moobd"] == recorded["moobd"]
+    assert answer["driver"]["options"]["aggression"] == 1.2
+    assert answer["conditions"] == {"delay": 0.05}
+    assert answer["simulator"]["options"]["vehicle"]["mass"] == 1300.0
+    answer = frenetic("rerun", "c", "--as", "moved.json", "--driver", "aggression=1.1", "--json")
+    assert "'aggression': 1.1" in str(answer.json)
     assert frenetic("rerun", "c", "--as", "twin.json").refuses("there is no file twin.json")
-    # A failing road's file says it, too.
+    # A failing road's file holds the profile, too.
     as_road = ("--as", str(road), "--simulations", "2", "--seed", "1", "--workers", "1")
     assert frenetic("run", *as_road, "--out", "r", "--json").json["simulations"] == 2
     shown = frenetic("show", "r", "--json").json["config"]
