@@ -1,7 +1,7 @@
 """Built-in parts behave as their declared version did when it was recorded in `behaviour.json`.
 
-Where a change is meant, raise the part's ``BEHAVIOUR`` and record the new version beside the old
-ones, which are never recorded anew:
+After an intended change raise the part's ``BEHAVIOUR``. Then record the new version beside the old
+versions, which are never recorded again:
 
     python tests/test_behaviour.py
 """
@@ -39,9 +39,9 @@ from frenetic.testing import DummyDriver, DummySimulator, converse
 
 RECORDED: Final = Path(__file__).with_name("behaviour.json")
 NOT_RECORDED: Final = {"simulator beamng"}
-"""What needs a licensed program to behave at all; its wrapper above is tested with a stand-in."""
-OVER_ANOTHER: Final = {"foresight"}
-"""A strategy over another, with a fit that every machine rounds otherwise."""
+"""Parts that need a licensed program; `tests/plugins/beamng` tests them with a stand-in."""
+NOT_REPRODUCIBLE: Final = {"foresight"}
+"""Strategies with a fit that each machine rounds differently."""
 CURVATURES: Final = (
     [0.0, 0.0, 0.01, 0.02, 0.02, 0.0, -0.02, -0.03, -0.01, 0.0, 0.0],
     [0.0, 0.03, 0.06, 0.06, 0.03, 0.0, 0.0, 0.0, -0.05, -0.06, -0.02, 0.0, 0.0],
@@ -56,31 +56,34 @@ def roads() -> list[Road]:
     ]
 
 
-def of_drives(simulator: Simulator, driver: Any, among: list[Road]) -> list[float]:
+def of_drives(simulator: Simulator, driver: Any, test_roads: list[Road]) -> list[float]:
+    """Return length and last state of the drives on these roads."""
     numbers: list[float] = []
     with simulator:
-        for one in among:
-            drive = simulator.drive(one, driver)
+        for test_road in test_roads:
+            drive = simulator.drive(test_road, driver)
             last = drive.trajectory.to_rows()[-1]
             numbers += [len(drive.trajectory), *last[:4].tolist()]
     return numbers
 
 
 def of_strategy(strategy: Strategy) -> list[float]:
+    """Return length and a weighted sum of each road that it proposes to a made-up driver."""
+
     def verdict(candidate: Candidate) -> tuple[Outcome, float]:
         moobd = 1.2 - 30.0 * float(np.abs(np.diff(candidate.curvatures)).max(initial=0.0))
         return (Outcome.FAIL if moobd < 0.0 else Outcome.PASS), moobd
 
-    told = [one.candidate for one in converse(strategy, verdict, 80)]
+    curvatures = [evaluation.candidate.curvatures for evaluation in converse(strategy, verdict, 80)]
     return [
         number
-        for one in told
-        for number in (len(one.curvatures), float(one.curvatures @ np.arange(len(one.curvatures))))
+        for values in curvatures
+        for number in (len(values), float(values @ np.arange(len(values))))
     ]
 
 
 def of_search(strategy: Strategy) -> list[float]:
-    """Its roads while it learns from real drives."""
+    """Return weighted sums of the roads that it proposes while it learns from real drives."""
     with TemporaryDirectory() as folder:
         Campaign(
             strategy=strategy,
@@ -91,15 +94,16 @@ def of_search(strategy: Strategy) -> list[float]:
         ).run()
         with CampaignStore.open(Path(folder) / "c") as store:
             roads = [test.candidate.curvatures for test in store.tests()]
-    return [float(one @ np.arange(len(one))) for one in roads]
+    return [float(curvatures @ np.arange(len(curvatures))) for curvatures in roads]
 
 
 def of_rules() -> list[float]:
+    """Return results of drives at fixed offsets."""
     numbers = []
     for offset in (0.0, 0.9, -1.4, 2.5, -4.0):
         simulator = DummySimulator(lambda _, offset=offset: offset, rules=Rules(timeout_base=20.0))  # type: ignore[misc]
-        for one in roads():
-            result = judge(one, simulator.drive(one, DummyDriver()))
+        for test_road in roads():
+            result = judge(test_road, simulator.drive(test_road, DummyDriver()))
             place = result.departure
             numbers += [
                 float(result.outcome is Outcome.FAIL),
@@ -111,19 +115,21 @@ def of_rules() -> list[float]:
 
 
 def of_picture(driver: Any) -> list[float]:
-    """Mean colours of parts of a picture that the driver's camera sees through its wrapper."""
-    seen: list[Any] = []
-    driver.driver.act = lambda observation: seen.append(observation.image)
-    one = roads()[0]
-    image = CameraRenderer(one, driver.driver.camera, scene_of(driver)).draw(*one.pose)
+    """Return mean colours of parts of a picture that the driver's camera sees through its wrapper."""
+    images: list[Any] = []
+    driver.driver.act = lambda observation: images.append(observation.image)
+    test_road = roads()[0]
+    renderer = CameraRenderer(test_road, driver.driver.camera, scene_of(driver))
+    image = renderer.draw(*test_road.pose)
     driver.act(
         Observation(1.0, 15.0, 0.2, 0.0, 0.0, 0.0, np.empty((0, 2)), np.empty(0), 0.0, image)
     )
-    parts = np.asarray(seen[0], dtype=np.float64).reshape(4, 20, 4, 40, 3).mean(axis=(1, 3))
+    parts = np.asarray(images[0], dtype=np.float64).reshape(4, 20, 4, 40, 3).mean(axis=(1, 3))
     return [float(number) for number in parts.ravel()]
 
 
 def of_map() -> list[float]:
+    """Return validity and pose of random roads on two maps."""
     rng = np.random.default_rng(5)
     numbers = []
     for size in (200.0, 120.0):
@@ -135,21 +141,21 @@ def of_map() -> list[float]:
 
 
 def probes() -> dict[str, tuple[str, Callable[[], list[float]]]]:
-    """Name of a built-in part -> its version, and what it does."""
+    """Return name of a built-in part -> its version, and a function that measures its behaviour."""
     known: dict[str, tuple[str, Callable[[], list[float]]]] = {
         "rules": (f"version {verdict.BEHAVIOUR}", of_rules),
         "map": (f"version {road.BEHAVIOUR}", of_map),
     }
-    for name in sorted(set(STRATEGIES.built_in) - OVER_ANOTHER):
+    for name in sorted(set(STRATEGIES.built_in) - NOT_REPRODUCIBLE):
         strategy = STRATEGIES.make(name, seed=7)
         known[f"strategy {name}"] = version(strategy), lambda s=strategy: of_strategy(s)  # type: ignore[misc]
     learning = STRATEGIES.make("frenetic", seed=7)
-    own = ", ".join(map(version, (learning, EmbeddedSimulator(), Planner())))
-    known["search for the planner's failures"] = own, lambda: of_search(learning)
+    versions = ", ".join(map(version, (learning, EmbeddedSimulator(), Planner())))
+    known["search for the planner's failures"] = versions, lambda: of_search(learning)
     for name in DRIVERS.built_in:
         driver = DRIVERS.make(name)
         where = "metadrive" if name.startswith("metadrive") else "embedded"
-        if name == "marking-follower":  # it draws, which takes its time
+        if name == "marking-follower":  # its pictures take long to draw
             known[f"driver {name}"] = (
                 version(driver),
                 lambda d=driver: of_drives(EmbeddedSimulator(), d, roads()[:1]),  # type: ignore[misc]
@@ -192,11 +198,11 @@ PROBES: Final = probes()
 
 
 @pytest.mark.parametrize("name", PROBES)
-def test_a_part_behaves_as_its_version_did(name: str) -> None:
+def test_a_part_behaves_as_recorded_for_its_version(name: str) -> None:
     recorded = json.loads(RECORDED.read_text(encoding="utf-8")).get(name, {})
     known, probe = PROBES[name]
     if known not in recorded and "," in known:
-        return  # with another version of the packages that belong to it, which is told apart
+        return  # recorded with other versions of its packages
     assert known in recorded, f"record {known} of {name}: python {__file__}"
     assert probe() == pytest.approx(recorded[known], abs=2e-3), (
         f"{name} no longer behaves as {known} did: raise its BEHAVIOUR"
@@ -212,18 +218,18 @@ def test_every_built_in_part_declares_a_version() -> None:
 def targets() -> Iterator[str]:
     for registry in (STRATEGIES, DRIVERS, SIMULATORS):
         for name, (target, _) in registry.built_in.items():
-            if name not in OVER_ANOTHER:
+            if name not in NOT_REPRODUCIBLE:
                 yield target
     yield from (row.wrapper for row in known_conditions().values() if row.wrapper)
 
 
 def record() -> None:
-    """Adds the versions that are not recorded yet."""
-    there = json.loads(RECORDED.read_text(encoding="utf-8")) if RECORDED.exists() else {}
+    """Record the versions that are not recorded yet."""
+    recorded = json.loads(RECORDED.read_text(encoding="utf-8")) if RECORDED.exists() else {}
     for name, (known, probe) in PROBES.items():
-        if known not in there.setdefault(name, {}):
-            there[name][known] = [round(number, 6) for number in probe()]
-    lines = (f"{json.dumps(name)}: {json.dumps(versions)}" for name, versions in there.items())
+        if known not in recorded.setdefault(name, {}):
+            recorded[name][known] = [round(number, 6) for number in probe()]
+    lines = (f"{json.dumps(name)}: {json.dumps(versions)}" for name, versions in recorded.items())
     RECORDED.write_text("{\n" + ",\n".join(lines) + "\n}\n", encoding="utf-8")
 
 

@@ -1,7 +1,7 @@
 """A stand-in for BeamNG.tech: it speaks BeamNGpy's protocol and moves the car by our own physics.
 
-It listens on the loopback only. What it knows of the protocol was found by running BeamNGpy 1.36;
-what it does not know it answers with an error, as BeamNG.tech does. Like BeamNG.tech it
+It listens on the loopback only. It knows the messages that BeamNGpy 1.36 sends, and answers other
+messages with an error, as BeamNG.tech does. Like BeamNG.tech it
 
 - has a clock of its own, which goes on through all scenarios,
 - holds the car for 1.5 s of simulated time after a scenario has started,
@@ -53,20 +53,20 @@ Message = dict[str, Any]
 
 PROTOCOL: Final = "v1.27"
 FREEZE: Final = 1.5
-"""s after a scenario's start in which the car is held."""
+"""Time after a scenario's start in which the car is held, in s."""
 NODE_AHEAD, NODE_LEFT = 0.35, -0.12
-"""m by which the car's position lies ahead and left of the middle of its box."""
+"""Distances by which the car's position lies ahead and left of the middle of its box, in m."""
 LEVELS: Final = ("gridmap_v2", "smallgrid", "tech_ground")
 VEHICLES: Final = ("etk800", "pickup")
 DROP, HANG = "drop", "hang"
-"""Troubles: the connection ends, or no answer comes any more."""
+"""Faults: the connection ends, or no answer comes any more."""
 
-Trouble = Callable[[str, int], str | None]
-"""Given a message's type and its number among those of its type (1 is the first): DROP, HANG, the
-text of an error to answer with, or None."""
+Fault = Callable[[str, int], str | None]
+"""Function of a message's type and its number among the messages of this type, from 1. It returns
+DROP, HANG, the text of an error to answer with, or None."""
 
 
-def no_trouble(_type: str, _number: int) -> str | None:
+def no_fault(_type: str, _number: int) -> str | None:
     return None
 
 
@@ -89,7 +89,7 @@ class Car:
 
 @dataclass
 class Scenario:
-    """What a client has asked to be built."""
+    """A scenario that a client had built."""
 
     level: str
     roads: list[Message]
@@ -105,20 +105,20 @@ class World:
 
     vehicle: Vehicle = field(default_factory=Vehicle)
     sign_shown: float = 1.0
-    """Sign of `steering_input` in the electrics for a positive input; 0: none is shown."""
+    """Sign of `steering_input` in the electrics for a positive input; 0 if they lack it."""
     draws: bool = True
     """Whether a camera gives pictures."""
     camera: Message = field(default_factory=dict)
     """The message that opened it."""
     clock_error: float = 0.0
-    """Share by which the clock is too fast."""
+    """Share by which the clock is too fast, 0.1 for 10 %."""
     scenarios: dict[str, Scenario] = field(default_factory=dict)
     loaded: Scenario | None = None
     frames: int = 0
     fps: int = 0
     ticks: int = 0
     was_reversing: bool = False
-    """Whether the brake was pressed at rest, which the gearbox takes for the wish to reverse."""
+    """Whether the brake was pressed at rest, upon which the gearbox reverses."""
     _time: float = 1000.0
 
     @property
@@ -184,9 +184,9 @@ class World:
         advance(car.state, angle, car.throttle, brake, parameters, STEP)
 
     def _let_ai_decide(self, car: Car) -> None:
-        """Steers for a point of its lane, 6 m ahead or more, at 10 m/s or the limit."""
+        """Steer for a point of the lane, at least 6 m ahead, at 10 m/s or the limit."""
         assert self.loaded is not None
-        (road,) = (one for one in self.loaded.roads if one["drivability"] > 0)
+        (road,) = (road for road in self.loaded.roads if road["drivability"] > 0)
         nodes = np.array(road["nodes"])
         along = np.gradient(nodes[:, :2], axis=0)
         along /= np.linalg.norm(along, axis=1)[:, None]
@@ -239,7 +239,7 @@ class World:
         }
 
     def box(self) -> list[list[float]]:
-        """In the protocol's order: front right, then left; rear right, then left."""
+        """Return the corners of the car's box: front right, front left, rear right, rear left."""
         state, body = self.car.state, self.vehicle.body()
         c, s = math.cos(state[HEADING]), math.sin(state[HEADING])
 
@@ -258,7 +258,7 @@ class _Server(socketserver.ThreadingTCPServer):
 
 
 class StandIn:
-    """The server: `port` is where it listens, `said` what it was told, in order."""
+    """Server at a port of the loopback, with the messages that it received, in order."""
 
     def __init__(
         self,
@@ -266,14 +266,14 @@ class StandIn:
         port: int = 0,
         protocol: str = PROTOCOL,
         is_licensed: bool = True,
-        trouble: Trouble = no_trouble,
+        fault: Fault = no_fault,
         world: World | None = None,
     ) -> None:
         self.world = world or World()
         self.protocol = protocol
         self.is_licensed = is_licensed
-        self.trouble = trouble
-        self.said: list[tuple[str, Message]] = []
+        self.fault = fault
+        self.received: list[tuple[str, Message]] = []
         self.has_quit = threading.Event()
         self._counts: Counter[str] = Counter()
         self._lock = threading.RLock()
@@ -303,25 +303,25 @@ class StandIn:
         self._server.server_close()
 
     def types(self) -> list[str]:
-        return [kind for kind, _ in self.said]
+        return [kind for kind, _ in self.received]
 
-    def _talk(self, asked: Any, said: Any) -> bool:
-        """Answers a message; says whether the connection goes on."""
-        (length,) = struct.unpack("!I", asked.read(4))
-        request = msgpack.unpackb(asked.read(length), raw=False)
+    def _talk(self, incoming: Any, outgoing: Any) -> bool:
+        """Answer a message; return whether the connection goes on."""
+        (length,) = struct.unpack("!I", incoming.read(4))
+        request = msgpack.unpackb(incoming.read(length), raw=False)
         number, kind = request.pop("_id"), request["type"]
         with self._lock:
-            self.said.append((kind, request))
+            self.received.append((kind, request))
             self._counts[kind] += 1
-            trouble = self.trouble(kind, self._counts[kind])
-        if trouble == HANG:
+            fault = self.fault(kind, self._counts[kind])
+        if fault == HANG:
             self.has_quit.wait()
-        if trouble in (DROP, HANG) or self.has_quit.is_set():
+        if fault in (DROP, HANG) or self.has_quit.is_set():
             return False
         with self._lock:
-            answer = self._answer(request) if trouble is None else {"bngError": trouble}
+            answer = self._answer(request) if fault is None else {"bngError": fault}
         data = msgpack.packb({"_id": number, "type": kind} | answer, use_bin_type=True)
-        said.write(struct.pack("!I", len(data)) + data)
+        outgoing.write(struct.pack("!I", len(data)) + data)
         if kind == "Quit":
             self.has_quit.set()
         return not self.has_quit.is_set()
@@ -387,9 +387,9 @@ class StandIn:
                 return {"type": "SensorData", "data": self._sensors(request["sensors"])}
             case "Control":
                 car = world.car
-                for ours, theirs in _CONTROLS.items():
-                    if theirs in request:
-                        setattr(car, ours, float(request[theirs]))
+                for attribute, entry in _CONTROLS.items():
+                    if entry in request:
+                        setattr(car, attribute, float(request[entry]))
                 return {"type": "Controlled"}
             case "QueueLuaCommandVE":
                 event = re.fullmatch(r"input\.event\('steering', (\S+), 2\)", request["chunk"])
@@ -407,7 +407,7 @@ class StandIn:
             case "SetAiMode":
                 return {"type": "AiModeSet"}
             case "SetAiWaypoint":
-                # An unknown target is no error there either: the car just stands.
+                # In BeamNG.tech, too, an unknown target is no error: the car stands still.
                 assert world.loaded is not None
                 known = request["target"] in world.loaded.waypoints
                 world.car.ai_target = request["target"] if known and world.car.ai_in_lane else None
@@ -417,10 +417,10 @@ class StandIn:
 
     def _sensors(self, sensors: dict[str, Message]) -> Message:
         data: Message = {}
-        for name, asked in sensors.items():
-            if asked["type"] == "State":
+        for name, sensor in sensors.items():
+            if sensor["type"] == "State":
                 data[name] = {"type": "VehicleUpdate", "state": self.world.vehicle_state()}
-            elif asked["type"] == "Electrics":
+            elif sensor["type"] == "Electrics":
                 data[name] = {"type": "Electrics", "values": self.world.electrics()}
         return data
 
@@ -433,9 +433,9 @@ _CONTROLS: Final = {
 
 
 def program(home: Path) -> Path:
-    """Makes a folder look like an installation whose program is the stand-in (Linux).
+    """Make a folder look like an installation whose program is the stand-in; return the program.
 
-    It runs without compiled code, which takes longer to load than all drives of a test do.
+    Linux only. The program runs without compiled code, which takes longer to load than to drive.
     """
     path = home / "BinLinux" / "BeamNG.tech.x64"
     path.parent.mkdir(parents=True)

@@ -1,4 +1,4 @@
-"""BeamNG.tech's simulator: BeamNGpy itself against a stand-in that speaks its protocol."""
+"""The simulator `beamng`, with BeamNGpy, against a stand-in for BeamNG.tech."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ import beamngpy
 import beamngpy.connection
 import numpy as np
 import pytest
-from beamng_stand_in import DROP, HANG, StandIn, Trouble, World, program
+from beamng_stand_in import DROP, HANG, Fault, StandIn, World, program
 
 from frenetic.campaign import Budget, Campaign, CampaignStore
 from frenetic.drivers import BeamngAi, Controls, Delayed, Driver, DriveSetup, Observation, Stanley
@@ -56,24 +56,24 @@ class TestContract(SimulatorContract):
         return connected(self.server, rules=rules)
 
 
-# What is said to BeamNG.tech
+# Messages to BeamNG.tech
 
 
-def test_road_is_built_with_markings_that_are_no_roads(stand_in: StandIn) -> None:
-    seen = []
+def test_a_scenario_has_a_road_and_markings_that_cannot_be_driven(stand_in: StandIn) -> None:
+    scenarios = []
 
     class Looking(Stanley):
         def reset(self, setup: DriveSetup) -> None:
             super().reset(setup)
             assert stand_in.world.loaded is not None
-            seen.append(stand_in.world.loaded)
+            scenarios.append(stand_in.world.loaded)
 
     with connected(stand_in) as simulator:
         simulator.drive(ROAD, Looking())
-    (scenario,) = seen
+    (scenario,) = scenarios
     assert scenario.level == "tech_ground"
     *markings, road = scenario.roads
-    assert [one["drivability"] for one in markings] == [-1, -1]
+    assert [marking["drivability"] for marking in markings] == [-1, -1]
     assert road["drivability"] == 1
     nodes = np.array(road["nodes"])
     assert np.allclose(nodes[:, :2], ROAD.road_points, atol=1e-6)
@@ -85,53 +85,53 @@ def test_road_is_built_with_markings_that_are_no_roads(stand_in: StandIn) -> Non
     assert scenario.spawned == "false", "BeamNG.tech may move and turn a car that it puts safely"
 
 
-def test_car_is_measured_and_judged_by_its_true_box(stand_in: StandIn) -> None:
+def test_the_car_is_measured_and_judged_by_its_true_box(stand_in: StandIn) -> None:
     body = stand_in.world.vehicle.body()
     with connected(stand_in) as simulator:
         assert simulator.car == CarBody(body.length, body.width, 0.0)
-        # Its steering counts to the right, and its position is not the middle of its box.
+        # The car counts steering to the right, and its position is not the middle of its box.
         assert simulator.measured.steering < -0.9
         assert (simulator.measured.ahead, simulator.measured.left) == (-0.35, 0.12)
         drive = simulator.drive(ROAD, Stanley())
-        again = simulator.drive(ROAD, Stanley())
-    assert ("FPSLimit", {"type": "FPSLimit", "fps": 60}) in stand_in.said
-    assert all(message["ack"] for kind, message in stand_in.said if kind == "Step")
-    np.testing.assert_allclose(drive.trajectory.x, again.trajectory.x, atol=0.01)
+        second = simulator.drive(ROAD, Stanley())
+    assert ("FPSLimit", {"type": "FPSLimit", "fps": 60}) in stand_in.received
+    assert all(message["ack"] for kind, message in stand_in.received if kind == "Step")
+    np.testing.assert_allclose(drive.trajectory.x, second.trajectory.x, atol=0.01)
     assert stand_in.types().count("GetSystemInfo") == 1, "the next road needs no restart"
-    assert not stand_in.world.scenarios, "what was built is deleted"
-    assert "Quit" not in stand_in.types(), "what we did not start goes on"
+    assert not stand_in.world.scenarios, "the scenarios are deleted"
+    assert "Quit" not in stand_in.types(), "a program that we did not start goes on"
     start = ROAD.track([[drive.trajectory.x[0], drive.trajectory.y[0]]])[0]
     assert np.allclose(start, [0.0, -2.0], atol=2e-3)
 
 
-def test_beamng_ai_is_told_lane_limit_and_aggression_before_its_goal(stand_in: StandIn) -> None:
+def test_beamng_ai_gets_lane_limit_and_aggression_before_its_goal(stand_in: StandIn) -> None:
     rules = Rules(speed_limit=54.0)
     with connected(stand_in, rules=rules, aggression=0.4) as simulator:
         drive = simulator.drive(ROAD, BeamngAi())
-    told = [(kind, message) for kind, message in stand_in.said if kind.startswith("Set")]
-    told = [(k, m) for k, m in told if "Ai" in k or k == "SetDriveInLane"]
-    assert [kind for kind, _ in told] == [
+    settings = [(kind, m) for kind, m in stand_in.received if kind.startswith("Set")]
+    settings = [(kind, m) for kind, m in settings if "Ai" in kind or kind == "SetDriveInLane"]
+    assert [kind for kind, _ in settings] == [
         "SetAiSpeed",
         "SetAiAggression",
         "SetDriveInLane",
         "SetAiMode",
         "SetAiWaypoint",
     ]
-    assert told[0][1] == {"type": "SetAiSpeed", "speed": 15.0, "mode": "limit"}
-    assert told[1][1]["aggression"] == 0.4
-    assert told[2][1]["lane"] == "on"
+    assert settings[0][1] == {"type": "SetAiSpeed", "speed": 15.0, "mode": "limit"}
+    assert settings[1][1]["aggression"] == 0.4
+    assert settings[2][1]["lane"] == "on"
     assert judge(ROAD, drive).outcome is Outcome.PASS
     assert drive.trajectory.speed.max() < 15.5
-    assert drive.trajectory.throttle.max() > 0.1, "what BeamNG.AI did is recorded"
+    assert drive.trajectory.throttle.max() > 0.1, "the controls of BeamNG.AI are recorded"
 
 
-def test_beamng_ai_is_told_a_lower_limit_in_time_and_a_higher_one_behind_the_sign(
+def test_beamng_ai_brakes_before_a_lower_limit_and_accelerates_behind_a_higher_one(
     stand_in: StandIn,
 ) -> None:
     road = Road(np.zeros(13), pose=ROAD.pose, speed_limits=[(0, 36), (60, 18), (90, 36)])
     with connected(stand_in) as simulator:
         drive = simulator.drive(road, BeamngAi())
-    speeds = [message["speed"] for kind, message in stand_in.said if kind == "SetAiSpeed"]
+    speeds = [message["speed"] for kind, message in stand_in.received if kind == "SetAiSpeed"]
     assert speeds[0] == 10.0
     assert min(speeds) == pytest.approx(5.0)
     assert speeds[-1] == 10.0
@@ -141,47 +141,47 @@ def test_beamng_ai_is_told_a_lower_limit_in_time_and_a_higher_one_behind_the_sig
     assert drive.trajectory.speed[place < 40.0].max() > 8.0
 
 
-def test_brake_at_rest_is_left_to_the_parking_brake(stand_in: StandIn) -> None:
+def test_the_parking_brake_replaces_the_brake_at_rest(stand_in: StandIn) -> None:
     with connected(stand_in) as simulator:
         drive = simulator.drive(ROAD, DummyDriver(brake=1.0))
     assert not stand_in.world.was_reversing
     assert "moved less than" in judge(ROAD, drive).reason
 
 
-def test_driver_sees_through_a_camera_on_the_car(stand_in: StandIn) -> None:
-    seen: list[np.ndarray] = []
+def test_a_driver_sees_through_a_camera_on_the_car(stand_in: StandIn) -> None:
+    images: list[np.ndarray] = []
 
     class Seeing(Stanley):
         camera = Camera(width=6, height=4, forward=1.0, left=0.2, up=1.5, pitch=30.0)
 
         def act(self, observation: Observation) -> Controls:
             assert observation.image is not None
-            seen.append(observation.image)
+            images.append(observation.image)
             return super().act(observation)
 
     with connected(stand_in) as simulator:
         simulator.drive(ROAD, Seeing())
-    assert seen[0].shape == (4, 6, 3)
-    assert seen[0][0, 0].tolist() == [0, 1, 2], "without the transparency"
-    (camera,) = [message for kind, message in stand_in.said if kind == "OpenCamera"]
-    # In the car's own frame its nose points to -y, x to the left; from a node 0.3 m high, 0.35 m
-    # ahead and 0.12 m to the right of the box's middle.
+    assert images[0].shape == (4, 6, 3)
+    assert images[0][0, 0].tolist() == [0, 1, 2], "red, green and blue, without transparency"
+    (camera,) = [message for kind, message in stand_in.received if kind == "OpenCamera"]
+    # In the car's frame, y points to the rear and x to the left. The origin is a node 0.3 m high,
+    # 0.35 m ahead and 0.12 m to the right of the box's middle.
     assert camera["pos"] == pytest.approx([0.32, -0.65, 1.2])
     assert camera["dir"] == pytest.approx([0.0, -math.cos(math.pi / 6.0), -0.5])
     assert camera["up"] == pytest.approx([0.0, -0.5, math.cos(math.pi / 6.0)])
     assert camera["fovY"] == pytest.approx(Seeing.camera.vertical_field_of_view)
-    told = stand_in.types()
-    last_stop = len(told) - 1 - told[::-1].index("StopScenario")
-    assert told.index("OpenCamera") < told.index("CloseCamera") < last_stop
+    kinds = stand_in.types()
+    last_stop = len(kinds) - 1 - kinds[::-1].index("StopScenario")
+    assert kinds.index("OpenCamera") < kinds.index("CloseCamera") < last_stop
 
 
 @pytest.mark.parametrize("sign", [-1.0, 0.0])
-def test_the_sign_that_is_shown_is_found_out(stand_in: StandIn, sign: float) -> None:
+def test_the_sign_of_the_steering_is_measured(stand_in: StandIn, sign: float) -> None:
     with connected(stand_in) as simulator:
-        as_told = simulator.drive(ROAD, Stanley()).trajectory
+        expected = simulator.drive(ROAD, Stanley()).trajectory
     with StandIn(world=World(sign_shown=sign)) as other, connected(other) as simulator:
         shown = simulator.drive(ROAD, Stanley()).trajectory
-    np.testing.assert_allclose(shown.steering, as_told.steering * abs(sign), atol=1e-9)
+    np.testing.assert_allclose(shown.steering, expected.steering * abs(sign), atol=1e-9)
 
 
 @pytest.mark.parametrize(
@@ -192,13 +192,13 @@ def test_the_sign_that_is_shown_is_found_out(stand_in: StandIn, sign: float) -> 
         (load_driver("marking-follower"), "leave out no_gpu"),
     ],
 )
-def test_drivers_that_it_cannot_have_are_refused(driver: Driver, text: str) -> None:
+def test_unsuitable_drivers_are_refused(driver: Driver, text: str) -> None:
     simulator = BeamngSimulator(home="/opt/beamng", no_gpu=True)
     with pytest.raises(DriverError, match=text):
         simulator.check_driver(driver)
 
 
-def test_a_camera_without_pictures_is_told() -> None:
+def test_a_camera_without_pictures_is_an_error() -> None:
     with (
         StandIn(world=World(draws=False)) as server,
         connected(server) as simulator,
@@ -207,27 +207,27 @@ def test_a_camera_without_pictures_is_told() -> None:
         simulator.drive(ROAD, MarkingFollower())
 
 
-# Trouble
+# Faults
 
 
-def on(kind: str, number: int, trouble: str) -> Trouble:
-    """Makes the number-th message of a kind go wrong, that one only."""
-    return lambda k, n: trouble if (k, n) == (kind, number) else None
+def on(kind: str, number: int, fault: str) -> Fault:
+    """Return a fault at the message of this kind and number only."""
+    return lambda k, n: fault if (k, n) == (kind, number) else None
 
 
 @pytest.mark.parametrize(
-    ("trouble", "text"),
+    ("fault", "text"),
     [
         (on("Step", 300, DROP), "connection to BeamNG.tech was lost, driving"),
         (on("SensorRequest", 300, HANG), "did not answer in time, asking for the car's state"),
         (on("Control", 300, "Lua: attempt to index a nil"), "reported an error, steering the car"),
     ],
 )
-def test_trouble_in_mid_drive_is_raised_and_gone_after_entering_again(
-    trouble: Trouble, text: str, monkeypatch: pytest.MonkeyPatch
+def test_a_fault_during_a_drive_is_raised_and_the_simulator_can_be_entered_again(
+    fault: Fault, text: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("frenetic.plugins.beamng.link.REPLY_LIMIT", 0.5)
-    with StandIn(trouble=trouble) as server:
+    with StandIn(fault=fault) as server:
         simulator = connected(server)
         with simulator, pytest.raises(BeamngError, match=text):
             [simulator.drive(ROAD, Stanley()) for _ in range(5)]
@@ -237,12 +237,12 @@ def test_trouble_in_mid_drive_is_raised_and_gone_after_entering_again(
 
 ENTERING: dict[str, tuple[dict[str, Any], dict[str, Any], str]] = {
     "silent port": (
-        {"trouble": on("Hello", 1, HANG)},
+        {"fault": on("Hello", 1, HANG)},
         {},
         r"in time, connecting to 127\.0\.0\.1",
     ),
-    "silent car": ({"trouble": on("Hello", 2, HANG)}, {}, "in time, loading the road and etk800"),
-    "hangs": ({"trouble": on("LoadScenario", 1, HANG)}, {}, "in time, loading the road and etk800"),
+    "silent car": ({"fault": on("Hello", 2, HANG)}, {}, "in time, loading the road and etk800"),
+    "hangs": ({"fault": on("LoadScenario", 1, HANG)}, {}, "in time, loading the road and etk800"),
     "vehicle": ({}, {"vehicle": "tank"}, "no vehicle tank: choose one of etk800, pickup"),
     "level": ({}, {"level": "moon", "ground": 0.0}, "no level moon: choose one of gridmap_v2"),
     "protocol": (
@@ -254,7 +254,9 @@ ENTERING: dict[str, tuple[dict[str, Any], dict[str, Any], str]] = {
 
 
 @pytest.mark.parametrize("name", ENTERING)
-def test_it_says_why_it_cannot_be_entered(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_error_says_why_the_simulator_cannot_be_entered(
+    name: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr("frenetic.plugins.beamng.link.LOAD_LIMIT", 0.5)
     monkeypatch.setattr("frenetic.plugins.beamng.link.REPLY_LIMIT", 0.5)
     world, options, text = ENTERING[name]
@@ -266,7 +268,7 @@ def test_it_says_why_it_cannot_be_entered(name: str, monkeypatch: pytest.MonkeyP
         pass
 
 
-def test_a_beamngpy_that_is_unknown_is_told(
+def test_an_unknown_beamngpy_is_an_error(
     stand_in: StandIn, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.delattr(beamngpy.connection.Connection, "hello")
@@ -274,16 +276,18 @@ def test_a_beamngpy_that_is_unknown_is_told(
         pass
 
 
-def test_drive_counts_whatever_becomes_of_its_road(tmp_path: Path) -> None:
-    with StandIn(trouble=on("StopScenario", 2, DROP)) as server:
+def test_a_drive_counts_if_the_connection_is_lost_behind_it(tmp_path: Path) -> None:
+    with StandIn(fault=on("StopScenario", 2, DROP)) as server:
         summary = campaign(connected(server), tmp_path).run()
-        assert server.types().count("GetSystemInfo") == 3, "measured, driven once, the rest"
+        assert server.types().count("GetSystemInfo") == 3, (
+            "one start to measure the car, one until the lost connection, one for the rest"
+        )
     assert summary.errors == 0
     with CampaignStore.open(tmp_path) as store:
         assert {record.attempts for record in store.tests() if record.outcome.is_driven} == {1}
 
 
-def test_clock_that_does_not_keep_the_steps_is_an_error() -> None:
+def test_a_clock_that_differs_from_the_steps_is_an_error() -> None:
     with (
         StandIn(world=World(clock_error=0.1)) as server,
         connected(server) as simulator,
@@ -292,7 +296,7 @@ def test_clock_that_does_not_keep_the_steps_is_an_error() -> None:
         simulator.drive(ROAD, Stanley())
 
 
-def test_drive_that_takes_too_long_is_the_fault_of_who_is_slow(
+def test_a_slow_driver_or_a_slow_simulator_is_named(
     stand_in: StandIn, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("frenetic.plugins.beamng.link.REPLY_LIMIT", 2.0)
@@ -309,7 +313,7 @@ def test_drive_that_takes_too_long_is_the_fault_of_who_is_slow(
         assert judge(ROAD, simulator.drive(ROAD, Stanley())).outcome is Outcome.PASS
         simulator.wall_limit = 0.5
         world = stand_in.world
-        stand_in.trouble = lambda kind, _: HANG if kind == "Step" and world.car.ai_target else None
+        stand_in.fault = lambda kind, _: HANG if kind == "Step" and world.car.ai_target else None
         with pytest.raises(FreneticError, match=r"the simulator did not finish .* within 0\.5 s"):
             simulator.drive(ROAD, BeamngAi())
 
@@ -325,7 +329,7 @@ def test_drive_that_takes_too_long_is_the_fault_of_who_is_slow(
         ({"home": "/opt/b", "user": "/a b"}, "no folder with a space"),
     ],
 )
-def test_options_are_checked(options: dict[str, object], text: str) -> None:
+def test_invalid_options_are_refused(options: dict[str, object], text: str) -> None:
     with pytest.raises((ValueError, BeamngError)) as raised:
         BeamngSimulator(**({"port": 25252} | options if "home" not in options else options))  # type: ignore[arg-type]
     assert text in str(raised.value)
@@ -347,7 +351,7 @@ def campaign(simulator: BeamngSimulator, folder: Path, **options: object) -> Cam
     )
 
 
-# Starting it: the stand-in as a program
+# The simulator starts the stand-in as a program
 
 linux = pytest.mark.skipif(sys.platform != "linux", reason="the program is a shell script")
 
@@ -367,7 +371,7 @@ def started_process(simulator: BeamngSimulator) -> int:
 
 
 @linux
-def test_campaign_goes_on_after_a_crash(tmp_path: Path) -> None:
+def test_a_campaign_goes_on_after_a_crash(tmp_path: Path) -> None:
     program(tmp_path / "home")
     simulator = BeamngSimulator(home=str(tmp_path / "home"))
 
@@ -386,20 +390,22 @@ def test_campaign_goes_on_after_a_crash(tmp_path: Path) -> None:
 
 
 @linux
-def test_it_is_started_anew_after_so_many_drives(tmp_path: Path) -> None:
+def test_restart_every_restarts_the_program(tmp_path: Path) -> None:
     program(tmp_path / "home")
     processes = []
     with BeamngSimulator(home=str(tmp_path / "home"), restart_every=2) as simulator:
         for _ in range(3):
             assert judge(ROAD, simulator.drive(ROAD, Stanley())).outcome is Outcome.PASS
             processes.append(started_process(simulator))
-    a, b, c = processes  # the last is ended, too
-    assert a == b != c
-    assert not any(is_alive(one) for one in processes)
+    first, second, third = processes
+    assert first == second != third
+    assert not any(is_alive(process_id) for process_id in processes), "the last has ended, too"
 
 
 @linux
-def test_launch_says_what_the_options_say(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_options_become_arguments_of_the_program(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     calls: list[list[str]] = []
 
     def refuse(call: list[str], **_: object) -> None:
@@ -417,10 +423,10 @@ def test_launch_says_what_the_options_say(tmp_path: Path, monkeypatch: pytest.Mo
     assert call[-2:] == ["-userpath", str(tmp_path / "user")]
 
 
-# Its own checks
+# The doctor's checks
 
 
-def test_doctor_finds_nothing_wrong_but_a_missing_licence(stand_in: StandIn) -> None:
+def test_the_doctor_misses_only_a_licence(stand_in: StandIn) -> None:
     stand_in.is_licensed = False
     examination = examine("beamng", {"port": stand_in.port})
     (licence,) = examination.failed

@@ -35,47 +35,45 @@ def beamng(server: StandIn, *options: str) -> tuple[str, str]:
     return "--simulator", ",".join(["beamng", f"port={server.port}", *options])
 
 
-def test_campaign_and_its_resumption_at_another_place(
-    frenetic: Frenetic, stand_in: StandIn
-) -> None:
+def test_a_campaign_is_resumed_at_another_port(frenetic: Frenetic, stand_in: StandIn) -> None:
     search = ("run", "--simulations", "2", "--seed", "1", "--driver", "beamng-ai", "--out", "c")
     answer = frenetic(*search, *beamng(stand_in, "aggression=0.9"), "--json")
     assert answer.json["simulations"] == 2, answer.err
     stand_in.close()
     more = ("resume", "c", "--simulations", "1", "--json")
     assert frenetic(*more).refuses("nothing answers")
-    wrong = frenetic(*more, "--simulator", "aggression=1.0")
-    assert wrong.code == 2
-    assert "can only say where beamng is (home, user, " in wrong.err
+    answer = frenetic(*more, "--simulator", "aggression=1.0")
+    assert answer.code == 2
+    assert "can only say where beamng is (home, user, " in answer.err
     with StandIn() as other:
         answer = frenetic(*more, "--simulator", f"port={other.port}")
     assert answer.json["simulations"] == 3, answer.err
     with CampaignStore.open(Path("c")) as store:
         config: Any = store.config
-    assert config["workers"] == 1, "a BeamNG.tech serves one"
+    assert config["workers"] == 1, "a BeamNG.tech drives one car"
     assert config["simulator"]["options"]["wall_limit"] == 600.0
     assert config["spec"]["simulator"] == f"beamng,port={stand_in.port},aggression=0.9"
-    assert frenetic("check", "c").code == 0, "the stored verdicts are those of the stored drives"
+    assert frenetic("check", "c").code == 0, "the verdicts follow from the stored drives"
 
 
-def test_what_cannot_be_driven_is_one_line_and_leaves_nothing_behind(
+def test_an_unusable_simulator_is_refused_in_one_line_and_leaves_no_files(
     frenetic: Frenetic, stand_in: StandIn
 ) -> None:
     noisy = ("--driver", "beamng-ai", "--with", "noise=0.1")
-    for words, text in (
+    for options, text in (
         (("--simulator", "beamng,port=25252,ground=nan"), "simulator 'beamng': ground is nan"),
         (("--simulator", "beamng"), "give its folder as home, set BNG_HOME, or give the port"),
         ((*beamng(stand_in), *noisy), "BeamNG.AI takes no noise, delay or view"),
     ):
-        assert frenetic("run", *words, "--out", "c").refuses(text)
+        assert frenetic("run", *options, "--out", "c").refuses(text)
     stand_in.close()
     text = f"the simulator does not start: nothing answers at 127.0.0.1:{stand_in.port}"
     assert frenetic("run", *beamng(stand_in), "--out", "c").refuses(text)
     assert not Path("c").exists()
 
 
-def test_connection_lost_for_good_leaves_what_was_driven(frenetic: Frenetic) -> None:
-    with StandIn(trouble=lambda kind, n: DROP if kind == "Step" and n > 500 else None) as server:
+def test_tests_remain_after_the_connection_is_lost_for_good(frenetic: Frenetic) -> None:
+    with StandIn(fault=lambda kind, n: DROP if kind == "Step" and n > 500 else None) as server:
         search = ("run", *beamng(server), "--driver", "beamng-ai", "--seed", "1", "--out", "c")
         answer = frenetic(*search)
     assert answer.code == 2
@@ -85,19 +83,19 @@ def test_connection_lost_for_good_leaves_what_was_driven(frenetic: Frenetic) -> 
 
 
 def processes_of(program: Path) -> list[str]:
-    """The command lines of processes that serve in place of a program (Linux)."""
+    """Return the command lines of stand-ins that serve in place of a program (Linux)."""
     name = str(Path(__file__).parent / "beamng_stand_in.py")
-    found = []
+    commands = []
     for place in Path("/proc").glob("[0-9]*/cmdline"):
         with suppress(OSError):
             command = place.read_bytes().decode(errors="replace").split("\0")
             if name in command and str(program) in command:
-                found.append(" ".join(command))
-    return found
+                commands.append(" ".join(command))
+    return commands
 
 
 @linux
-def test_interrupt_finishes_the_drives_and_leaves_no_process(tmp_path: Path) -> None:
+def test_ctrl_c_finishes_the_drives_and_leaves_no_process(tmp_path: Path) -> None:
     home = tmp_path / "home"
     program(home)
     place = f"beamng,home={home},user={tmp_path}"
@@ -121,5 +119,5 @@ def test_interrupt_finishes_the_drives_and_leaves_no_process(tmp_path: Path) -> 
         running.kill()
     assert running.returncode == 130, err
     assert "Interrupted: " in out
-    assert " error" not in out, "what ran was finished: BeamNG.tech did not hear the interrupt"
+    assert " error" not in out, "running drives finish: the interrupt does not reach BeamNG.tech"
     assert not processes_of(tmp_path)

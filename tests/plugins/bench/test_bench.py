@@ -1,4 +1,4 @@
-"""Benches of generators that behave in every way that they should not."""
+"""Benches of generators that crash, hang, exit or misbehave in other ways."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ SECONDS_PER_TEST = 36.0
 
 
 def generator(spec: str, name: str = "") -> Entrant:
-    """An entrant of the folder ``generators``."""
+    """Return an entrant of the folder ``generators``."""
     return Entrant(name=name or spec.rpartition(":")[2], spec=spec, path=GENERATORS)
 
 
@@ -55,17 +55,17 @@ def bench_of(
     **terms: Any,
 ) -> Bench:
     tester = RoadTester(simulator or EmbeddedSimulator(), driver or Planner())
-    usual = {"simulations": SIMULATIONS, "seconds_per_test": SECONDS_PER_TEST}
+    defaults = {"simulations": SIMULATIONS, "seconds_per_test": SECONDS_PER_TEST}
     return Bench(
         entrants=entrants,
-        terms=RunTerms(tester, **{**usual, **terms}),
+        terms=RunTerms(tester, **{**defaults, **terms}),
         repeats=repeats,
         folder=folder,
     )
 
 
-def ran(bench: Bench, workers: int = 2) -> dict[str, RunState]:
-    """What came of the first run of each entrant."""
+def run_bench(bench: Bench, workers: int = 2) -> dict[str, RunState]:
+    """Run a bench; return the state of each entrant's first run."""
     ends = bench.run(workers=workers)
     return {end.run.entrant.name: end for end in ends if end.run.repeat == 1}
 
@@ -76,20 +76,20 @@ def results_of(folder: Path) -> list[tuple[Outcome, bytes]]:
 
 
 def first_messages(spec: str, folder: Path, *, log: Path) -> list[dict[str, Any] | None]:
-    """The first two of a generator's process; they are all, if it asks for no test."""
+    """Return the first two messages of a generator's process, all if it asks for no test."""
     bench = bench_of(folder, Entrant(name="it", spec=spec))
-    told = assignment(bench.runs[0], bench.terms)
-    with GeneratorProcess(told, folder=folder / "work", log=log) as process:
+    task = assignment(bench.runs[0], bench.terms)
+    with GeneratorProcess(task, folder=folder / "work", log=log) as process:
         return [process.receive(LIMIT), process.receive(LIMIT)]
 
 
-# Each of them ends in its own way, and only it is concerned
+# Each generator ends in its own way, without an effect on the others
 
 
 @pytest.fixture(scope="module")
-def everybody(tmp_path_factory: pytest.TempPathFactory) -> tuple[Bench, dict[str, RunState]]:
+def mixed_bench(tmp_path_factory: pytest.TempPathFactory) -> tuple[Bench, dict[str, RunState]]:
     bench = bench_of(
-        tmp_path_factory.mktemp("everybody") / "bench",
+        tmp_path_factory.mktemp("mixed") / "bench",
         generator("random_roads:RandomRoads"),
         *(
             generator(f"many:{name}")
@@ -107,11 +107,11 @@ def everybody(tmp_path_factory: pytest.TempPathFactory) -> tuple[Bench, dict[str
         Entrant(name="random", spec="random", is_strategy=True),
         patience=8.0,
     )
-    return bench, ran(bench)
+    return bench, run_bench(bench)
 
 
 @pytest.mark.parametrize("workers", [0, 1.5])
-def test_a_number_of_workers_that_runs_nothing_is_refused(tmp_path: Path, workers: float) -> None:
+def test_an_impossible_number_of_workers_is_refused(tmp_path: Path, workers: float) -> None:
     bench = bench_of(tmp_path / "bench", Entrant(name="random", spec="random", is_strategy=True))
     with pytest.raises(ValueError, match=f"^workers is {workers}: a whole number"):
         bench.run(workers=workers)  # type: ignore[arg-type]
@@ -119,32 +119,32 @@ def test_a_number_of_workers_that_runs_nothing_is_refused(tmp_path: Path, worker
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="Windows moves no folder that is in use")
-@pytest.mark.parametrize("deed", ["moved", "deleted"])
-def test_a_bench_that_is_moved_or_deleted_says_so_and_makes_no_part_of_it_again(
-    deed: str, tmp_path: Path
+@pytest.mark.parametrize("action", ["moved", "deleted"])
+def test_a_bench_says_that_its_folder_was_moved_or_deleted_and_does_not_recreate_it(
+    action: str, tmp_path: Path
 ) -> None:
     random = Entrant(name="random", spec="random", is_strategy=True)
     bench = bench_of(tmp_path / "bench", random, repeats=3)
 
     def take_away(_: RunState) -> None:
-        if deed == "moved":
+        if action == "moved":
             bench.folder.rename(tmp_path / "new")
         else:
             shutil.rmtree(bench.folder)
 
-    where = f" to {tmp_path / 'new'}" if (sys.platform, deed) == ("linux", "moved") else ""
-    rest = "its complete runs stand there" if deed == "moved" else "its runs are gone"
-    words = f"{bench.folder} was {deed}{where} while the bench ran: {rest}"
+    where = f" to {tmp_path / 'new'}" if (sys.platform, action) == ("linux", "moved") else ""
+    rest = "its complete runs stand there" if action == "moved" else "its runs are gone"
+    words = f"{bench.folder} was {action}{where} while the bench ran: {rest}"
     with pytest.raises(FreneticError, match=re.escape(words)):
         bench.run(workers=1, on_end=take_away)
     assert not bench.folder.exists()
-    if deed == "moved":
+    if action == "moved":
         new = replace(bench, folder=tmp_path / "new")
         assert [state.ending is not None for state in new.states()] == [True, False, False]
         assert len(new.run(resume=True, workers=1)) == 2
 
 
-def test_a_copy_leaves_out_what_holds_it(tmp_path: Path) -> None:
+def test_a_copy_leaves_out_git_virtual_environments_and_the_bench_itself(tmp_path: Path) -> None:
     (tmp_path / ".git").mkdir()
     (tmp_path / "venv").mkdir()
     (tmp_path / "venv" / "pyvenv.cfg").touch()
@@ -156,7 +156,7 @@ def test_a_copy_leaves_out_what_holds_it(tmp_path: Path) -> None:
     )
     entrant = Entrant(name="Maker", spec="maker:Maker", copy=tmp_path)
     bench = bench_of(tmp_path / "benches" / "one", entrant)
-    work = ran(bench)["Maker"].run.folder / "work"
+    work = run_bench(bench)["Maker"].run.folder / "work"
     names = {child.name for child in work.iterdir()} - {"__pycache__"}  # of the copied module
     assert names == {"maker.py", "results"}
 
@@ -178,14 +178,14 @@ def test_a_copy_leaves_out_what_holds_it(tmp_path: Path) -> None:
         ("random", End.OVER, "", SIMULATIONS),
     ],
 )
-def test_how_each_of_them_ends(
-    everybody: tuple[Bench, dict[str, RunState]],
+def test_the_end_of_each_generator_is_recorded(
+    mixed_bench: tuple[Bench, dict[str, RunState]],
     name: str,
     end: End | None,
     detail: str,
     simulations: int | None,
 ) -> None:
-    run_end = everybody[1][name]
+    run_end = mixed_bench[1][name]
     assert run_end.trouble == ""
     ending = run_end.ending
     assert ending is not None
@@ -203,19 +203,19 @@ def test_how_each_of_them_ends(
     assert facts["interrupted"] is False
 
 
-def test_tests_that_are_none_come_back_invalid(
-    everybody: tuple[Bench, dict[str, RunState]],
+def test_malformed_tests_come_back_invalid(
+    mixed_bench: tuple[Bench, dict[str, RunState]],
 ) -> None:
-    work = everybody[1]["OddTests"].run.folder / "work"
-    seen = json.loads((work / "seen.json").read_text(encoding="utf-8"))
-    assert [row[:2] for row in seen[:6]] == [
+    work = mixed_bench[1]["OddTests"].run.folder / "work"
+    answers = json.loads((work / "answers.json").read_text(encoding="utf-8"))
+    assert [row[:2] for row in answers[:6]] == [
         *[["INVALID", "Not enough road points."]] * 2,
         ["INVALID", "The road is not long enough."],
         ["INVALID", "Two consecutive road points are the same"],
         *[["INVALID", "Wrong type"]] * 2,
     ]
-    assert seen[6][0] == "PASS"
-    assert seen[7:] == [["INVALID", "Wrong type", []]] * 2
+    assert answers[6][0] == "PASS"
+    assert answers[7:] == [["INVALID", "Wrong type", []]] * 2
 
 
 SNEAKY = """
@@ -261,70 +261,74 @@ class Filing(Sneaky):
 """
 
 
-@pytest.mark.skipif(sys.platform == "win32", reason="processes are another thing there")
-def test_processes_that_a_generator_leaves_hold_nothing_up(tmp_path: Path) -> None:
+@pytest.mark.skipif(sys.platform == "win32", reason="the generators use fork and signals")
+def test_processes_that_a_generator_leaves_do_not_delay_the_bench(tmp_path: Path) -> None:
     (tmp_path / "sneaky.py").write_text(SNEAKY, encoding="utf-8")
     entrants = [
         Entrant(name=name, spec=str(tmp_path / f"sneaky.py:{name}"))
         for name in ("Detaching", "Starting", "Dying", "Filing")
     ]
-    ends = ran(bench_of(tmp_path / "bench", *entrants, patience=1e6))
+    ends = run_bench(bench_of(tmp_path / "bench", *entrants, patience=1e6))
     sleeping = {
         name: int((ends[name].run.folder / "work" / "sleeping").read_text())
         for name in ("Detaching", "Starting")
     }
     if sys.platform != "linux":
-        os.kill(sleeping["Detaching"], signal.SIGKILL)  # out of reach: it wanted to be
+        os.kill(
+            sleeping["Detaching"], signal.SIGKILL
+        )  # its own session is out of the bench's reach
     until_gone(sleeping.values())
     endings = {name: end.ending for name, end in ends.items()}
     assert endings["Detaching"] == endings["Starting"] == endings["Filing"] == RunEnding(End.OVER)
     assert endings["Dying"] == RunEnding(End.CRASHED, "its process was killed by SIGSEGV")
-    kept = ends["Filing"].run.folder / "work" / "results" / "mine.txt"
-    assert kept.read_text() == "mine"
+    file = ends["Filing"].run.folder / "work" / "results" / "mine.txt"
+    assert file.read_text() == "mine"
 
 
-# The same and the other
+# Folders, results and other pipelines
 
 
-def test_each_works_in_a_folder_of_its_own(everybody: tuple[Bench, dict[str, RunState]]) -> None:
-    work = {name: end.run.folder / "work" for name, end in everybody[1].items()}
-    # A copied executor is the executor: a folder of each drive, the latest last.
+def test_each_generator_works_in_its_own_folder(
+    mixed_bench: tuple[Bench, dict[str, RunState]],
+) -> None:
+    work = {name: end.run.folder / "work" for name, end in mixed_bench[1].items()}
+    # A copy of the executor works like the executor: each drive gets a folder, the latest last.
     names = (work["Copying"] / "folders.txt").read_text(encoding="utf-8").split()
     assert names == sorted(set(names))
     assert len(names) == SIMULATIONS
-    # Of a copy only the copy changes.
+    # Only the copy changes, not the original.
     outcomes = (work["AtHome"] / "tool" / "outcomes.txt").read_text(encoding="utf-8")
     assert outcomes == "PASS\n" * 3
     assert not (GENERATORS / "own_files" / "tool" / "outcomes.txt").exists()
     assert "Traceback" in (work["Crashing"].parent / "generator.log").read_text()
 
 
-def test_all_of_them_are_compared_and_unusual_ends_told(
-    everybody: tuple[Bench, dict[str, RunState]],
+def test_all_generators_are_compared_and_unusual_endings_reported(
+    mixed_bench: tuple[Bench, dict[str, RunState]],
 ) -> None:
-    bench, ends = everybody
-    told = dict(line.split(": ", 1) for line in unusual_endings(bench.states()))
-    assert told["NeverReturning"].startswith("1 of 1 runs hung: ")
-    assert told["Crashing"].startswith("1 of 1 runs crashed: ")
-    assert told["Threads"].startswith("1 of 1 runs returned")
-    assert not {"RandomRoads", "random"} & told.keys()
+    bench, ends = mixed_bench
+    endings = dict(line.split(": ", 1) for line in unusual_endings(bench.states()))
+    assert endings["NeverReturning"].startswith("1 of 1 runs hung: ")
+    assert endings["Crashing"].startswith("1 of 1 runs crashed: ")
+    assert endings["Threads"].startswith("1 of 1 runs returned")
+    assert not {"RandomRoads", "random"} & endings.keys()
     comparison = bench.comparison()
-    assert comparison.notes[0].partition(": ")[0] in told
+    assert comparison.notes[0].partition(": ")[0] in endings
     assert set(comparison.groups) == set(ends)
     (crashed,), (whole,) = (comparison.groups[name] for name in ("Crashing", "RandomRoads"))
     assert (crashed.is_finished, whole.is_finished) == (False, True)
     assert "NeverReturning" in write_results(bench, comparison).read_text(encoding="utf-8")
 
 
-def test_points_are_kept_as_they_were_handed_over(
-    everybody: tuple[Bench, dict[str, RunState]], tmp_path: Path
+def test_a_generators_points_are_stored_unchanged(
+    mixed_bench: tuple[Bench, dict[str, RunState]], tmp_path: Path
 ) -> None:
-    folder = everybody[1]["RandomRoads"].run.folder
+    folder = mixed_bench[1]["RandomRoads"].run.folder
     export_campaign(folder, "competition", tmp_path / "out")
     with (tmp_path / "out" / "experiment_description.csv").open(newline="") as file:
-        (described,) = csv.DictReader(file)
-    assert (described["module_name"], described["class_name"]) == ("random_roads", "RandomRoads")
-    assert float(described["time_budget"]) == SIMULATIONS * SECONDS_PER_TEST
+        (experiment,) = csv.DictReader(file)
+    assert (experiment["module_name"], experiment["class_name"]) == ("random_roads", "RandomRoads")
+    assert float(experiment["time_budget"]) == SIMULATIONS * SECONDS_PER_TEST
     with CampaignStore.open(folder) as store:
         for test in store.tests():
             assert test.candidate.points is not None
@@ -338,10 +342,10 @@ def test_points_are_kept_as_they_were_handed_over(
                 assert test.pose == road.pose
 
 
-def test_the_plug_in_does_as_the_strategy_does(
+def test_the_plug_in_and_the_strategy_get_the_same_outcomes(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Through the pipeline's interface, as points, Frenetic proposes what it proposes directly."""
+    """Frenetic proposes the same roads directly and through the pipeline's interface."""
     monkeypatch.setenv("FRENETIC_COMMAND", f'"{sys.executable}" -m frenetic')
     bench = bench_of(
         tmp_path / "bench",
@@ -349,7 +353,7 @@ def test_the_plug_in_does_as_the_strategy_does(
         Entrant(name="strategy", spec="frenetic", is_strategy=True),
         simulations=20,
     )
-    ends = ran(bench)
+    ends = run_bench(bench)
     outcomes = {
         name: [outcome for outcome, _ in results_of(end.run.folder) if outcome.is_driven]
         for name, end in ends.items()
@@ -358,13 +362,13 @@ def test_the_plug_in_does_as_the_strategy_does(
     assert len(outcomes["strategy"]) == 20
 
 
-@pytest.mark.parametrize(("given", "seen"), [(None, "1"), ("3", "3")])
+@pytest.mark.parametrize(("variable", "threads"), [(None, "1"), ("3", "3")])
 def test_libraries_of_a_generator_take_one_thread_unless_the_user_wants_more(
-    given: str | None, seen: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    variable: str | None, threads: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.delenv("OMP_NUM_THREADS", raising=False)
-    if given is not None:
-        monkeypatch.setenv("OMP_NUM_THREADS", given)
+    if variable is not None:
+        monkeypatch.setenv("OMP_NUM_THREADS", variable)
     (tmp_path / "counting.py").write_text(
         "import os\n"
         "class Counting:\n"
@@ -375,7 +379,7 @@ def test_libraries_of_a_generator_take_one_thread_unless_the_user_wants_more(
     spec = f"{tmp_path / 'counting.py'}:Counting"
     messages = first_messages(spec, tmp_path, log=tmp_path / "log")
     assert messages[1] is not None
-    assert messages[1]["detail"] == f"ValueError: {seen}"
+    assert messages[1]["detail"] == f"ValueError: {threads}"
 
 
 def test_a_clone_of_the_pipeline_changes_no_road_and_no_verdict(tmp_path: Path) -> None:
@@ -394,25 +398,25 @@ def test_a_clone_of_the_pipeline_changes_no_road_and_no_verdict(tmp_path: Path) 
     lone = generator("random_roads:RandomRoads", "lone")
     assert lone.own_pipeline is None
     checking = Entrant(name="checking", spec="winding:Winding", path=clone / "tool")
-    ends = ran(bench_of(tmp_path / "bench", inside, copied, beside, lone, checking))
+    ends = run_bench(bench_of(tmp_path / "bench", inside, copied, beside, lone, checking))
     results = {name: results_of(end.run.folder) for name, end in ends.items()}
     assert results["inside"] == results["copied"] == results["beside"] == results["lone"]
     assert {end.ending for end in ends.values()} == {RunEnding(End.OVER)}
     assert len(results["lone"]) >= SIMULATIONS
 
 
-def test_the_time_that_a_generator_takes_itself_is_told(tmp_path: Path) -> None:
+def test_the_time_that_a_generator_itself_takes_is_stored(tmp_path: Path) -> None:
     (end,) = bench_of(tmp_path / "bench", generator("many:Slow"), simulations=2).run()
     with CampaignStore.open(end.run.folder) as store:
-        own = store.facts["strategy_seconds"]
-    assert isinstance(own, float)
-    assert own >= 2.0
+        seconds = store.facts["strategy_seconds"]
+    assert isinstance(seconds, float)
+    assert seconds >= 2.0
 
 
 # Mistakes and accidents
 
 
-def test_a_generator_that_cannot_be_built_is_said_at_once(tmp_path: Path) -> None:
+def test_a_generator_that_cannot_be_built_is_reported_before_the_first_run(tmp_path: Path) -> None:
     (tmp_path / "raising.py").write_text(
         "class Raising:\n    def __init__(self, executor=None, map_size=None):\n"
         "        raise ValueError('I will not')\n    def start(self): pass\n"
@@ -423,7 +427,7 @@ def test_a_generator_that_cannot_be_built_is_said_at_once(tmp_path: Path) -> Non
     assert not bench.folder.exists()
 
 
-def test_a_run_that_fails_is_tried_again_when_the_bench_goes_on(tmp_path: Path) -> None:
+def test_a_resumed_bench_retries_a_failed_run(tmp_path: Path) -> None:
     mark = tmp_path / "mark"
     mark.touch()
     bench = bench_of(
@@ -433,7 +437,7 @@ def test_a_run_that_fails_is_tried_again_when_the_bench_goes_on(tmp_path: Path) 
         simulator=Reluctant(mark),
         driver=DummyDriver(),
     )
-    ends = ran(bench)
+    ends = run_bench(bench)
     assert [end.ending for end in ends.values()] == [None, None]
     assert all("not today" in end.trouble for end in ends.values())
     assert [state.ending for state in bench.states()] == [None, None]
@@ -442,7 +446,7 @@ def test_a_run_that_fails_is_tried_again_when_the_bench_goes_on(tmp_path: Path) 
     assert bench.run(resume=True) == []
 
 
-def test_a_bench_goes_on_with_what_it_was_begun_with(
+def test_a_resumed_bench_uses_the_generators_files_with_which_it_began(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     for folder in ("here", "elsewhere"):
@@ -458,7 +462,7 @@ def test_a_bench_goes_on_with_what_it_was_begun_with(
     )
     bench.run()
     for run in bench.runs:
-        (run.folder / "campaign.sqlite").unlink()  # as if they had not been made
+        (run.folder / "campaign.sqlite").unlink()  # as if the runs had not begun
     monkeypatch.chdir(tmp_path / "elsewhere")
     assert [end.ending for end in bench.run(resume=True)] == [RunEnding(End.OVER)] * 2
     shutil.rmtree(bench.runs[0].folder)
@@ -474,7 +478,7 @@ def test_a_bench_goes_on_with_what_it_was_begun_with(
     assert [end.ending for end in bench.run(resume=True)] == [RunEnding(End.OVER)]
 
 
-def test_a_run_whose_process_dies_costs_that_run_only(tmp_path: Path) -> None:
+def test_a_process_that_dies_costs_its_run_only(tmp_path: Path) -> None:
     mark = tmp_path / "mark"
     mark.touch()
     bench = bench_of(
@@ -493,24 +497,24 @@ def test_a_run_whose_process_dies_costs_that_run_only(tmp_path: Path) -> None:
         assert check_campaign(run.folder).findings == ()
 
 
-def test_after_ctrl_c_running_runs_are_finished_and_none_begins(tmp_path: Path) -> None:
+def test_ctrl_c_finishes_current_runs_and_starts_no_other(tmp_path: Path) -> None:
     bench = bench_of(tmp_path, Entrant(name="random", spec="random", is_strategy=True), repeats=3)
-    asked: list[str] = []
-    heard: list[bool] = []
+    messages: list[str] = []
+    interrupts: list[bool] = []
 
     def ask_to_stop(_: float, words: str) -> None:
-        if not asked:
+        if not messages:
             signal.raise_signal(signal.SIGINT)
-        asked.append(words)
+        messages.append(words)
 
-    ends = bench.run(on_progress=ask_to_stop, on_interrupt=lambda: heard.append(True))
+    ends = bench.run(on_progress=ask_to_stop, on_interrupt=lambda: interrupts.append(True))
     assert [(end.run.repeat, end.ending) for end in ends] == [(1, RunEnding(End.OVER))]
-    assert heard == [True]
-    assert asked[-1].startswith("runs 1 of 3, ")
+    assert interrupts == [True]
+    assert messages[-1].startswith("runs 1 of 3, ")
     assert [state.ending is None for state in bench.states()] == [False, True, True]
 
 
-@pytest.mark.skipif(sys.platform == "win32", reason="processes are ended in another way there")
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows ends processes in another way")
 def test_a_second_ctrl_c_ends_the_bench_at_once(tmp_path: Path) -> None:
     bench = bench_of(tmp_path, generator("many:NeverReturning"), repeats=2)
     family: set[int] = set()
@@ -527,7 +531,7 @@ def test_a_second_ctrl_c_ends_the_bench_at_once(tmp_path: Path) -> None:
     assert [state.ending for state in bench.states()] == [None, None]
 
 
-def test_a_bench_has_one_folder_and_one_process(tmp_path: Path) -> None:
+def test_a_bench_needs_an_empty_folder_or_its_own_and_the_same_terms(tmp_path: Path) -> None:
     bench = bench_of(tmp_path, Entrant(name="random", spec="random", is_strategy=True))
     (tmp_path / "mine.txt").touch()
     with pytest.raises(FreneticError, match=r"is not empty: choose another place"):
@@ -555,19 +559,22 @@ def test_a_bench_has_one_folder_and_one_process(tmp_path: Path) -> None:
         ({"patience": -1.0}, "patience is -1.0"),
     ],
 )
-def test_terms_out_of_range(options: dict[str, Any], why: str) -> None:
+def test_terms_out_of_range_are_refused(options: dict[str, Any], why: str) -> None:
     tester = RoadTester(EmbeddedSimulator(), Planner())
     with pytest.raises((FreneticError, ValueError), match=why):
         RunTerms(tester, **options)
 
 
-def test_strategies_of_ones_own_take_part_and_one_that_raises_gives_up(tmp_path: Path) -> None:
-    own = Entrant(name="own", spec="bench_parts:Eager", is_strategy=True, options={"cross_num": 2})
+def test_a_users_strategy_takes_part_and_a_strategy_that_raises_gives_up(tmp_path: Path) -> None:
+    eager = Entrant(
+        name="eager", spec="bench_parts:Eager", is_strategy=True, options={"cross_num": 2}
+    )
     broken = Entrant(name="broken", spec="bench_parts:Broken", is_strategy=True)
-    endings = {name: one.ending for name, one in ran(bench_of(tmp_path / "b", own, broken)).items()}
-    assert endings["own"] == RunEnding(End.OVER)
+    states = run_bench(bench_of(tmp_path / "b", eager, broken))
+    endings = {name: state.ending for name, state in states.items()}
+    assert endings["eager"] == RunEnding(End.OVER)
     assert endings["broken"] is not None
     assert endings["broken"].end is End.GAVE_UP
     assert "the strategy raised KeyError: 'pool'" in endings["broken"].detail
-    compared = bench_of(tmp_path / "b", own, broken).comparison()
-    assert [one.is_finished for one in compared.groups["broken"]] == [False]
+    compared = bench_of(tmp_path / "b", eager, broken).comparison()
+    assert [run.is_finished for run in compared.groups["broken"]] == [False]

@@ -1,4 +1,4 @@
-"""The command line of bench."""
+"""The command `frenetic bench`."""
 
 from __future__ import annotations
 
@@ -50,14 +50,12 @@ def wiggly(tmp_path: Path) -> str:
 
 
 @pytest.mark.heavy
-def test_a_generator_and_a_strategy_are_held_against_each_other(
-    frenetic: Frenetic, wiggly: str
-) -> None:
-    ran = frenetic("bench", "--generator", wiggly, "--strategy", "random", *SMALL)
-    assert ran.code == 0, ran.err
-    assert "Wiggly" in ran.out
-    assert "random" in ran.out
-    assert "b/index.html" in ran.out
+def test_a_generator_and_a_strategy_are_compared(frenetic: Frenetic, wiggly: str) -> None:
+    answer = frenetic("bench", "--generator", wiggly, "--strategy", "random", *SMALL)
+    assert answer.code == 0, answer.err
+    assert "Wiggly" in answer.out
+    assert "random" in answer.out
+    assert "b/index.html" in answer.out
     for name in ("wiggly", "random"):
         for repeat in ("01", "02"):
             folder = Path("b", name, repeat)
@@ -65,33 +63,31 @@ def test_a_generator_and_a_strategy_are_held_against_each_other(
     assert Path("b/wiggly/01/generator.log").read_text() == "off we go\n"
     assert Path("b/index.html").is_file()
     listed = frenetic("bench", "--resume", "--out", "b", "--json")
-    assert [(one["generator"], one["run"], one["seed"]) for one in listed.json["runs"]] == [
+    assert [(run["generator"], run["run"], run["seed"]) for run in listed.json["runs"]] == [
         ("Wiggly", 1, 1),
         ("random", 1, 1),
         ("Wiggly", 2, 2),
         ("random", 2, 2),
     ]
-    assert {one["ending"]["end"] for one in listed.json["runs"]} == {"over"}
+    assert {run["ending"]["end"] for run in listed.json["runs"]} == {"over"}
 
 
-def test_one_alone_is_measured(frenetic: Frenetic, wiggly: str) -> None:
-    ran = frenetic("bench", "--generator", f'{wiggly},name="[/x] mine"', *LEAST)
-    assert ran.code == 0, ran.err
-    assert "[/x] mine" in ran.out
-    assert "simulations to first failure" in ran.out
+def test_a_single_generator_is_measured(frenetic: Frenetic, wiggly: str) -> None:
+    answer = frenetic("bench", "--generator", f'{wiggly},name="[/x] mine"', *LEAST)
+    assert answer.code == 0, answer.err
+    assert "[/x] mine" in answer.out
+    assert "simulations to first failure" in answer.out
     assert "[/x] mine" in Path("b/index.html").read_text(encoding="utf-8")
 
 
-def test_where_no_run_has_a_judged_drive_the_exit_code_is_1(
-    frenetic: Frenetic, wiggly: str
-) -> None:
+def test_the_exit_code_is_1_if_no_run_has_a_judged_drive(frenetic: Frenetic, wiggly: str) -> None:
     answer = frenetic("bench", "--generator", "wiggly.py:Broken", *LEAST, "--json")
     assert (answer.code, answer.json["runs"][0]["ending"]["end"]) == (1, "crashed")
     assert "no idea" in answer.err
 
 
 @pytest.mark.heavy
-def test_a_run_of_a_strategy_is_that_of_the_command_run(frenetic: Frenetic) -> None:
+def test_a_strategys_run_gives_the_same_tests_as_frenetic_run(frenetic: Frenetic) -> None:
     frenetic("bench", "--strategy", "frenetic", *SMALL)
     Path("run.toml").write_text("max_in_flight = 1\n")
     frenetic(
@@ -100,8 +96,8 @@ def test_a_run_of_a_strategy_is_that_of_the_command_run(frenetic: Frenetic) -> N
     )
     exported = []
     for folder in ("b/frenetic/02", "alone"):
-        done = frenetic("export", folder, "--format", "json", "--out", f"{folder}-json")
-        assert done.code == 0, done.err
+        answer = frenetic("export", folder, "--format", "json", "--out", f"{folder}-json")
+        assert answer.code == 0, answer.err
         lines = Path(f"{folder}-json/tests.jsonl").read_text().splitlines()
         volatile = ("seconds", "finished_at", "elapsed", "worker")
         exported.append(
@@ -110,29 +106,29 @@ def test_a_run_of_a_strategy_is_that_of_the_command_run(frenetic: Frenetic) -> N
     assert exported[0] == exported[1]
 
 
-def test_too_few_repeats_are_told_before_the_first_drive(frenetic: Frenetic) -> None:
+def test_a_warning_of_too_few_repeats_comes_before_the_first_drive(frenetic: Frenetic) -> None:
     three = [text for seed in (1, 2, 3) for text in ("--strategy", f"random,max_redraws={seed}")]
     few = frenetic("bench", *three, "--simulations", "1", "--repeats", "1", "--out", "few")
-    told = "3 generators need at least 5 repeats: with 1 no difference can be shown"
-    assert few.err.index("1 run of 1 simulations") < few.err.index(told)
-    assert told not in frenetic("bench", "--resume", "--out", "few").err
+    warning = "3 generators need at least 5 repeats: with 1 no difference can be shown"
+    assert few.err.index("1 run of 1 simulations") < few.err.index(warning)
+    assert warning not in frenetic("bench", "--resume", "--out", "few").err
     alone = frenetic("bench", "--strategy", "random", *LEAST)
     assert "at least" not in alone.err
 
 
 def test_options_follow_their_entrant(frenetic: Frenetic, tmp_path: Path) -> None:
-    theirs = tmp_path / "their repository"
-    theirs.mkdir()
-    (theirs / "road_maker.py").write_text(WIGGLY, encoding="utf-8")
-    ran = frenetic(
-        *("bench", "--generator", f"road_maker:Wiggly,path={theirs},name=Theirs"),
+    repository = tmp_path / "a repository"
+    repository.mkdir()
+    (repository / "road_maker.py").write_text(WIGGLY, encoding="utf-8")
+    answer = frenetic(
+        *("bench", "--generator", f"road_maker:Wiggly,path={repository},name=Theirs"),
         *("--strategy", "random,name=Ours", "--strategy", "frenetic,random_roads=20,step=8"),
         *LEAST,
     )
-    assert ran.code == 0, ran.err
-    kept = tomllib.loads(Path("b/bench.toml").read_text(encoding="utf-8"))
-    assert kept["generator"] == [f"road_maker:Wiggly,path={theirs},name=Theirs"]
-    assert kept["strategy"] == [
+    assert answer.code == 0, answer.err
+    stored = tomllib.loads(Path("b/bench.toml").read_text(encoding="utf-8"))
+    assert stored["generator"] == [f"road_maker:Wiggly,path={repository},name=Theirs"]
+    assert stored["strategy"] == [
         "random,name=Ours",
         'frenetic,random_roads=20,step=8,name="frenetic,random_roads=20,step=8"',
     ]
@@ -141,7 +137,9 @@ def test_options_follow_their_entrant(frenetic: Frenetic, tmp_path: Path) -> Non
 def test_published_generators_are_listed_with_what_they_need(frenetic: Frenetic) -> None:
     assert "pymoo==0.6.1" in frenetic("bench", "--list").out
     listed = frenetic("bench", "--list", "--json").json
-    assert {"optangle-2024", "crag-2023", "deeper-2021"} <= {one["name"] for one in listed}
+    assert {"optangle-2024", "crag-2023", "deeper-2021"} <= {
+        generator["name"] for generator in listed
+    }
 
 
 @pytest.mark.parametrize(
@@ -168,7 +166,7 @@ def test_published_generators_are_listed_with_what_they_need(frenetic: Frenetic)
         (["--out", "full"], ["is not empty", "place with --out"]),
     ],
 )
-def test_mistakes(
+def test_mistakes_are_refused_and_leave_no_files(
     frenetic: Frenetic, wiggly: str, tmp_path: Path, arguments: list[str], words: list[str]
 ) -> None:
     (tmp_path / "full").mkdir()
@@ -178,7 +176,7 @@ def test_mistakes(
     assert sorted(path for path in tmp_path.rglob("*") if "__pycache__" not in path.parts) == before
 
 
-def test_a_bench_goes_on_as_it_was_begun(frenetic: Frenetic) -> None:
+def test_a_resumed_bench_takes_no_other_options(frenetic: Frenetic) -> None:
     frenetic("bench", "--strategy", "random", *LEAST)
     for option in (
         ["--repeats", "3"],
@@ -186,20 +184,20 @@ def test_a_bench_goes_on_as_it_was_begun(frenetic: Frenetic) -> None:
         ["--strategy", "frenetic"],
         ["--generator", "a:B"],
     ):
-        asked = frenetic("bench", "--resume", "--out", "b", *option)
-        assert asked.refuses(option[0], "goes on as it was begun"), asked
+        answer = frenetic("bench", "--resume", "--out", "b", *option)
+        assert answer.refuses(option[0], "goes on as it was begun"), answer
     assert frenetic("resume", "b/random/01").refuses("a run of a bench", "--resume --out")
-    kept = Path("b/bench.toml").read_text(encoding="utf-8")
-    Path("b/bench.toml").write_text(kept.replace("seed = 1", "seed = 2"), encoding="utf-8")
-    asked = frenetic("bench", "--resume", "--out", "b")
-    assert asked.refuses("b holds a bench with another seed: 1, not 2"), asked
-    for text in ('{"version": 3}', '{"version": 2}', "", "[]"):
-        Path("b/bench.json").write_text(text, encoding="utf-8")
-        asked = frenetic("bench", "--resume", "--out", "b")
-        assert asked.refuses("bench.json is damaged or of another version"), asked
+    text = Path("b/bench.toml").read_text(encoding="utf-8")
+    Path("b/bench.toml").write_text(text.replace("seed = 1", "seed = 2"), encoding="utf-8")
+    answer = frenetic("bench", "--resume", "--out", "b")
+    assert answer.refuses("b holds a bench with another seed: 1, not 2"), answer
+    for content in ('{"version": 3}', '{"version": 2}', "", "[]"):
+        Path("b/bench.json").write_text(content, encoding="utf-8")
+        answer = frenetic("bench", "--resume", "--out", "b")
+        assert answer.refuses("bench.json is damaged or of another version"), answer
 
 
-FILE = """
+BENCH_FILE = """
 generator = ["wiggly.py:Wiggly,name=theirs"]
 strategy = ["random", "frenetic,random_roads=20"]
 simulations = 3
@@ -218,7 +216,7 @@ objective = "oob-share"
 
 
 def results_of(folder: str) -> dict[str, object]:
-    """What a bench has found, by run."""
+    """Return outcomes and MOOBD of the tests of each run of a bench."""
     results: dict[str, object] = {}
     for path in sorted(Path(folder).glob("*/*")):
         if path.is_dir():
@@ -229,32 +227,34 @@ def results_of(folder: str) -> dict[str, object]:
 
 
 @pytest.mark.heavy
-def test_a_bench_is_a_file_and_every_bench_keeps_one(frenetic: Frenetic, wiggly: str) -> None:
-    Path("mine.toml").write_text(FILE, encoding="utf-8")
-    refused = frenetic("bench", "mine.toml", "--out", "a")
-    assert refused.refuses("mine.toml names the generator", "or add --trust"), refused
-    assert frenetic("bench", "--generator", wiggly, *LEAST).code == 0, "which says nothing of it"
+def test_a_bench_reads_and_writes_a_file_that_repeats_it(frenetic: Frenetic, wiggly: str) -> None:
+    Path("mine.toml").write_text(BENCH_FILE, encoding="utf-8")
+    answer = frenetic("bench", "mine.toml", "--out", "a")
+    assert answer.refuses("mine.toml names the generator", "or add --trust"), answer
+    assert frenetic("bench", "--generator", wiggly, *LEAST).code == 0, (
+        "a command is trusted, a file is not"
+    )
     assert frenetic("bench", "mine.toml", "--out", "a").code == 2
     assert frenetic("bench", "mine.toml", "--trust", "--out", "a").code == 0
-    kept = tomllib.loads(Path("a/bench.toml").read_text(encoding="utf-8"))
-    given = tomllib.loads(FILE)
-    same = given.keys() - {"generator", "strategy", "patience", "workers"}
-    assert {name: kept[name] for name in same} == {name: given[name] for name in same}
-    assert kept["patience"] == 60.0
+    stored = tomllib.loads(Path("a/bench.toml").read_text(encoding="utf-8"))
+    entries = tomllib.loads(BENCH_FILE)
+    same = entries.keys() - {"generator", "strategy", "patience", "workers"}
+    assert {name: stored[name] for name in same} == {name: entries[name] for name in same}
+    assert stored["patience"] == 60.0
     page = re.sub("<[^>]+>", "", Path("a/index.html").read_text(encoding="utf-8"))
     assert "frenetic bench a/bench.toml" in page
     assert frenetic("bench", "a/bench.toml", "--out", "again").code == 0
     assert results_of("again") == results_of("a")
     assert len(results_of("a")) == 3
-    # Options given beside it win.
-    beside = ("--strategy", "random", "--simulations", "2", "--driver", "aggression=1.2")
-    twice = ("--objective", "moobd", "--repeats", "2", "--out", "b2")
-    assert frenetic("bench", "mine.toml", *beside, *twice).code == 0
-    kept = tomllib.loads(Path("b2/bench.toml").read_text(encoding="utf-8"))
-    assert (kept["strategy"], kept["repeats"]) == (["random,name=random"], 2)
-    assert "generator" not in kept
-    assert (kept["simulations"], kept["driver"]) == (2, "planner,aggression=1.2")
-    assert kept["objective"] == "moobd"
+    # Options beside the file win.
+    options = ("--strategy", "random", "--simulations", "2", "--driver", "aggression=1.2")
+    more = ("--objective", "moobd", "--repeats", "2", "--out", "b2")
+    assert frenetic("bench", "mine.toml", *options, *more).code == 0
+    stored = tomllib.loads(Path("b2/bench.toml").read_text(encoding="utf-8"))
+    assert (stored["strategy"], stored["repeats"]) == (["random,name=random"], 2)
+    assert "generator" not in stored
+    assert (stored["simulations"], stored["driver"]) == (2, "planner,aggression=1.2")
+    assert stored["objective"] == "moobd"
 
 
 @pytest.mark.parametrize(
@@ -273,14 +273,14 @@ def test_a_bench_is_a_file_and_every_bench_keeps_one(frenetic: Frenetic, wiggly:
         ("map_margin = 3.0", ["there is no entry 'map_margin'"]),
     ],
 )
-def test_mistakes_in_a_file(frenetic: Frenetic, text: str, words: list[str]) -> None:
+def test_mistakes_in_a_file_are_refused(frenetic: Frenetic, text: str, words: list[str]) -> None:
     Path("mine.toml").write_text(text, encoding="utf-8")
     answer = frenetic("bench", "mine.toml", "--out", "b")
     assert answer.refuses(*words), answer
     assert not Path("b").exists()
 
 
-def test_a_bench_goes_on_with_the_same_generator_only(frenetic: Frenetic, wiggly: str) -> None:
+def test_a_bench_whose_generator_changed_is_not_resumed(frenetic: Frenetic, wiggly: str) -> None:
     frenetic("bench", "--generator", wiggly, *LEAST)
     source = Path("wiggly.py")
     source.write_text(source.read_text() + "# changed\n", encoding="utf-8")

@@ -1,4 +1,4 @@
-"""Who can take part in a bench, and by what name."""
+"""Entrants of a bench and their names."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ def strategy(name: str) -> Entrant:
 
 
 @given(st.lists(st.text(min_size=1, max_size=60), min_size=1, max_size=8, unique=True))
-def test_every_entrant_has_a_folder_of_its_own(names: list[str]) -> None:
+def test_every_entrant_has_its_own_folder(names: list[str]) -> None:
     usable = [name for name in names if name.strip() and name.isprintable()]
     folders = folder_names([strategy(name) for name in usable])
     assert list(folders) == usable
@@ -29,7 +29,7 @@ def test_every_entrant_has_a_folder_of_its_own(names: list[str]) -> None:
         assert folder.isascii()
 
 
-def test_a_folder_is_called_like_its_entrant() -> None:
+def test_a_folder_has_the_name_of_its_entrant() -> None:
     names = ["WOGAN", "Frenetic, no repeats", "wogan", "…", "bench.json"]
     folders = folder_names([strategy(name) for name in names])
     assert list(folders.values()) == [
@@ -37,13 +37,13 @@ def test_a_folder_is_called_like_its_entrant() -> None:
     ]
 
 
-def test_two_of_one_name_are_refused() -> None:
+def test_two_entrants_of_the_same_name_are_refused() -> None:
     with pytest.raises(FreneticError, match=r"two take part as 'one'.*another name"):
         folder_names([strategy("one"), strategy("one")])
 
 
 @pytest.mark.parametrize(
-    ("given", "why"),
+    ("fields", "message"),
     [
         ({"name": " "}, "the name ' ' cannot be used"),
         ({"name": "x" * 61}, "1 to 60 printable characters"),
@@ -58,19 +58,21 @@ def test_two_of_one_name_are_refused() -> None:
         ({"is_strategy": True, "path": Path()}, "takes no path and no copy and"),
     ],
 )
-def test_what_cannot_take_part(given: dict[str, object], why: str) -> None:
-    with pytest.raises(FreneticError, match=why):
-        Entrant(**{"name": "one", "spec": "module:Class", **given})  # type: ignore[arg-type]
+def test_unusable_names_specs_and_folders_are_refused(
+    fields: dict[str, object], message: str
+) -> None:
+    with pytest.raises(FreneticError, match=message):
+        Entrant(**{"name": "one", "spec": "module:Class", **fields})  # type: ignore[arg-type]
 
 
-def test_a_file_is_looked_for_here_and_then_in_the_path(
+def test_a_file_is_searched_in_the_current_folder_and_then_in_path(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    (tmp_path / "theirs").mkdir()
-    (tmp_path / "theirs" / "one.py").touch()
-    entrant = Entrant(name="one", spec="one.py:One", path=Path("theirs"))
-    assert entrant.module == str(tmp_path.resolve() / "theirs" / "one.py")
+    (tmp_path / "elsewhere").mkdir()
+    (tmp_path / "elsewhere" / "one.py").touch()
+    entrant = Entrant(name="one", spec="one.py:One", path=Path("elsewhere"))
+    assert entrant.module == str(tmp_path.resolve() / "elsewhere" / "one.py")
     assert entrant.class_name == "One"
     (tmp_path / "one.py").touch()
     assert Entrant(name="one", spec="one.py:One").module == str(tmp_path.resolve() / "one.py")

@@ -1,4 +1,4 @@
-"""The process in which the bench runs a generator, with a small scripted bench at its other end."""
+"""The process in which a bench runs a generator, tested with a small scripted bench."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from frenetic.road.validity import overlaps_itself
 BENCH = Path(frenetic.__file__).parent / "plugins" / "bench"
 MAIN = BENCH / "host.py"
 GENERATORS = Path(__file__).parent / "generators"
-PATIENCE = 120.0  # s after which a process is ended that should have ended long before
+PATIENCE = 120.0  # [s], after which a process is killed that should have ended long before
 
 Message = dict[str, Any]
 
@@ -40,15 +40,15 @@ def record(timer: float, oob_distance: float) -> list[Any]:
 
 @dataclass
 class Bench:
-    """The other end: judges every road by its validity, and lets every third valid one fail."""
+    """A scripted bench: refuses invalid roads, and lets every third valid road fail."""
 
     budget: float = 360.0
     seconds_per_test: float = 36.0
     executed: int = 0
     roads: list[Any] = field(default_factory=list)
-    """Of the tests that counted."""
+    """Road points of the tests within the budget."""
     refused: int = 0
-    """Tests asked for when the budget was spent."""
+    """Number of tests that were refused because the budget was spent."""
     all_pass: bool = False
 
     def answer(self, message: Message) -> Message:
@@ -86,7 +86,7 @@ class Bench:
 
 @dataclass
 class Run:
-    """What a generator's process said and left."""
+    """Messages, log, exit code and folder of a generator's process."""
 
     messages: list[Message]
     log: str
@@ -98,8 +98,8 @@ class Run:
         assert self.messages[-1]["kind"] == "end", (self.messages[-1], self.log)
         return self.messages[-1]
 
-    def seen(self) -> Any:
-        return json.loads((self.folder / "seen.json").read_text(encoding="utf-8"))
+    def statistics(self) -> Any:
+        return json.loads((self.folder / "statistics.json").read_text(encoding="utf-8"))
 
 
 def assignment(spec: str, bench: Bench, folder: Path, **changes: Any) -> Message:
@@ -122,7 +122,7 @@ def assignment(spec: str, bench: Bench, folder: Path, **changes: Any) -> Message
 
 @contextmanager
 def started(folder: Path, command: Sequence[str | Path]) -> Iterator[subprocess.Popen[bytes]]:
-    """A process whose stderr goes to ``log``; it is ended if it takes far too long."""
+    """Start a process whose stderr goes to ``log``; kill it after ``PATIENCE``."""
     with (
         (folder / "log").open("wb") as log,
         subprocess.Popen(
@@ -158,7 +158,7 @@ def run(
     stop: Callable[[Bench], bool] = lambda _: False,
     **changes: Any,
 ) -> Run:
-    """Runs a generator to its end, or until ``stop`` says so after a test."""
+    """Run a generator to its end, or until ``stop`` returns true after a test."""
     bench = bench or Bench()
     messages: list[Message] = []
     with started(folder, command) as process:
@@ -181,10 +181,10 @@ def run(
 # --- generators --------------------------------------------------------------------------------
 
 
-def test_a_fifth_of_the_budget_is_exactly_that(tmp_path: Path) -> None:
+def test_a_fifth_of_the_budget_lasts_for_a_fifth_of_the_tests(tmp_path: Path) -> None:
     bench = Bench(budget=7200.0)
-    done = run("many:Phases", tmp_path, bench=bench)
-    assert done.end["end"] == "over"
+    result = run("many:Phases", tmp_path, bench=bench)
+    assert result.end["end"] == "over"
     assert (tmp_path / "first_phase.txt").read_text(encoding="utf-8") == "40"
     assert (bench.executed, bench.refused) == (200, 1)
 
@@ -192,14 +192,14 @@ def test_a_fifth_of_the_budget_is_exactly_that(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     "spec", ["frenetic:Frenetic", f"{GENERATORS / 'own_frenetic' / 'frenetic.py'}:Frenetic"]
 )
-def test_a_generator_may_have_the_name_of_ours(spec: str, tmp_path: Path) -> None:
+def test_a_generators_module_may_be_called_frenetic(spec: str, tmp_path: Path) -> None:
     bench = Bench()
-    done = run(spec, tmp_path, bench=bench, path=str(GENERATORS / "own_frenetic"))
-    assert done.end["end"] == "over", done.end
+    result = run(spec, tmp_path, bench=bench, path=str(GENERATORS / "own_frenetic"))
+    assert result.end["end"] == "over", result.end
     assert bench.executed == 10
 
 
-def test_a_folder_with_the_generator_may_have_the_name_of_ours(tmp_path: Path) -> None:
+def test_a_generators_folder_may_be_called_frenetic(tmp_path: Path) -> None:
     folder = tmp_path / "tool" / "frenetic" / "generators"
     folder.mkdir(parents=True)
     (folder.parent / "points.py").write_text("POINTS = [(50.0, 20.0), (50.0, 90.0)]\n")
@@ -217,14 +217,14 @@ def test_a_folder_with_the_generator_may_have_the_name_of_ours(tmp_path: Path) -
         encoding="utf-8",
     )
     spec = "frenetic.generators.straight:Straight"
-    done = run(spec, tmp_path, path=str(tmp_path / "tool"))
-    assert done.end["end"] == "returned", done.end
+    result = run(spec, tmp_path, path=str(tmp_path / "tool"))
+    assert result.end["end"] == "returned", result.end
 
 
-def test_processes_that_a_generator_spawns_know_the_pipeline(tmp_path: Path) -> None:
+def test_a_generators_spawned_processes_can_import_the_pipeline(tmp_path: Path) -> None:
     bench = Bench()
-    done = run("parallel:Parallel", tmp_path, bench=bench)
-    assert done.end["end"] == "returned", done.end
+    result = run("parallel:Parallel", tmp_path, bench=bench)
+    assert result.end["end"] == "returned", result.end
     assert bench.executed == 2
 
 
@@ -235,26 +235,26 @@ CLONE = GENERATORS / "clone"
 
 def test_a_generator_runs_in_its_own_pipeline(tmp_path: Path) -> None:
     places: Message = {"path": str(CLONE / "tool"), "pipeline": str(CLONE)}
-    done = run("winding:Winding", tmp_path, bench=Bench(all_pass=True), **places)
-    assert done.end["end"] == "over", done.end
-    seen = done.seen()
-    assert seen["outcomes"] == ["PASS"] * 10
-    assert seen["generation"] == {"time-budget": 0.0}
-    assert seen["test_execution_real_times"] == [36.0] * 10
-    assert min(seen["test_generation_real_times"]) >= 0.0
-    assert not (tmp_path / "results").exists()  # its tests are the bench's
+    result = run("winding:Winding", tmp_path, bench=Bench(all_pass=True), **places)
+    assert result.end["end"] == "over", result.end
+    statistics = result.statistics()
+    assert statistics["outcomes"] == ["PASS"] * 10
+    assert statistics["generation"] == {"time-budget": 0.0}
+    assert statistics["test_execution_real_times"] == [36.0] * 10
+    assert min(statistics["test_generation_real_times"]) >= 0.0
+    assert not (tmp_path / "results").exists()  # the bench stores the tests
     drives = sorted(path.name for path in (tmp_path / "simulations/beamng_executor").iterdir())
     assert drives == [f"sim_{number:05d}" for number in range(1, 11)]
 
 
-def test_a_pipeline_that_lacks_a_library_says_so(tmp_path: Path) -> None:
+def test_an_error_names_the_library_that_a_pipeline_lacks(tmp_path: Path) -> None:
     shutil.copytree(CLONE, tmp_path / "clone")
     executors = tmp_path / "clone" / "code_pipeline" / "executors.py"
     executors.write_text("import no_such_thing")
     places: Message = {"path": str(tmp_path / "clone/tool"), "pipeline": str(tmp_path / "clone")}
-    done = run("winding:Winding", tmp_path, **places)
-    assert "importing the pipeline in" in done.end["detail"]
-    assert "No module named 'no_such_thing'; install it for" in done.end["detail"]
+    result = run("winding:Winding", tmp_path, **places)
+    assert "importing the pipeline in" in result.end["detail"]
+    assert "No module named 'no_such_thing'; install it for" in result.end["detail"]
 
 
 SPENDING = """
@@ -293,11 +293,11 @@ class Spending:
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="it forks")
-def test_whole_tests_use_up_a_budget(tmp_path: Path) -> None:
+def test_a_budget_of_three_tests_allows_exactly_three(tmp_path: Path) -> None:
     (tmp_path / "spending.py").write_text(SPENDING, encoding="utf-8")
-    bench = Bench(budget=0.9, seconds_per_test=0.3)  # which is not three times that in floats
-    done = run("spending:Spending", tmp_path, bench=bench, path=str(tmp_path))
-    assert done.end["end"] == "over", (done.end, done.log)
+    bench = Bench(budget=0.9, seconds_per_test=0.3)  # in floats, 0.9 is not 3 * 0.3
+    result = run("spending:Spending", tmp_path, bench=bench, path=str(tmp_path))
+    assert result.end["end"] == "over", (result.end, result.log)
     assert (bench.executed, bench.refused) == (3, 1)
     assert (tmp_path / "done").is_file()
 
@@ -308,7 +308,7 @@ START = "class Mine:\n    def start(self): ..."
 
 
 @pytest.mark.parametrize(
-    ("spec", "source", "says"),
+    ("spec", "source", "message"),
     [
         ("nowhere:Some", "", "No module named 'nowhere'; install it for"),
         ("{path}/nowhere.py:Some", "", "importing {path}/nowhere.py fails: FileNotFoundError"),
@@ -323,14 +323,14 @@ START = "class Mine:\n    def start(self): ..."
     ],
 )
 def test_a_generator_that_cannot_be_started_says_why(
-    spec: str, source: str, says: str, tmp_path: Path
+    spec: str, source: str, message: str, tmp_path: Path
 ) -> None:
     (tmp_path / "mine.py").write_text(source, encoding="utf-8")
-    done = run(spec.replace("{path}", str(tmp_path)), tmp_path, path=str(tmp_path))
-    assert [message["kind"] for message in done.messages] == ["end"]
-    assert done.end["end"] == "crashed"
-    assert says.replace("{path}", str(tmp_path)) in done.end["detail"]
-    assert "\n" not in done.end["detail"]
+    result = run(spec.replace("{path}", str(tmp_path)), tmp_path, path=str(tmp_path))
+    assert [message["kind"] for message in result.messages] == ["end"]
+    assert result.end["end"] == "crashed"
+    assert message.replace("{path}", str(tmp_path)) in result.end["detail"]
+    assert "\n" not in result.end["detail"]
 
 
 # --- the process -------------------------------------------------------------------------------
@@ -351,17 +351,17 @@ class Meddler:
 
     def start(self):
         import host
-        assert host.HERS
+        assert host.IS_GENERATORS
 """
 
 
 def test_nothing_that_a_generator_prints_disturbs_the_bench(tmp_path: Path) -> None:
     (tmp_path / "meddler.py").write_text(MEDDLER, encoding="utf-8")
     # The working directory is on the module path, the folder of our own host.py is not.
-    (tmp_path / "host.py").write_text("HERS = True", encoding="utf-8")
-    done = run("meddler:Meddler", tmp_path, path=None)
-    assert [message["kind"] for message in done.messages] == ["ready", "end"]
-    assert done.end["end"] == "returned", done.end
+    (tmp_path / "host.py").write_text("IS_GENERATORS = True", encoding="utf-8")
+    result = run("meddler:Meddler", tmp_path, path=None)
+    assert [message["kind"] for message in result.messages] == ["ready", "end"]
+    assert result.end["end"] == "returned", result.end
     for text in (
         "at import",
         "half a line",
@@ -369,10 +369,10 @@ def test_nothing_that_a_generator_prints_disturbs_the_bench(tmp_path: Path) -> N
         "from another program",
         "κ \\udc80",
     ):
-        assert text in done.log
+        assert text in result.log
 
 
-def test_the_process_ends_when_nobody_gives_it_work(tmp_path: Path) -> None:
+def test_the_process_ends_when_it_gets_no_task(tmp_path: Path) -> None:
     with started(tmp_path, (sys.executable, "-u", MAIN)) as process:
         assert process.stdin is not None
         process.stdin.close()
@@ -393,11 +393,9 @@ process.wait()
 """
 
 
-@pytest.mark.skipif(sys.platform == "win32", reason="there is no group to be ended")
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows has no process groups")
 @pytest.mark.parametrize("is_killed", [False, True])
-def test_when_the_bench_is_gone_a_generator_goes_with_all_that_it_started(
-    is_killed: bool, tmp_path: Path
-) -> None:
+def test_a_generator_and_its_processes_end_with_the_bench(is_killed: bool, tmp_path: Path) -> None:
     script = ABANDONING.replace("MAIN", repr(str(MAIN))).replace("FOLDER", repr(str(tmp_path)))
     pids: list[int] = []
     with ending(lambda: pids), started(tmp_path, (sys.executable, "-u", "-c", script)) as bench:
@@ -417,7 +415,7 @@ def test_when_the_bench_is_gone_a_generator_goes_with_all_that_it_started(
 
 # --- an older Python ---------------------------------------------------------------------------
 
-NOTHING_ELSE = """
+IMPORT_GUARD = """
 import importlib.abc
 import sys
 
@@ -425,16 +423,16 @@ ALLOWED = {*sys.stdlib_module_names, "code_pipeline", "numpy", "random_roads", "
            "self_driving"}
 
 
-class NothingElse(importlib.abc.MetaPathFinder):
+class ImportGuard(importlib.abc.MetaPathFinder):
     def find_spec(self, name, path, target=None):
         top = name.partition(".")[0]
         if top not in ALLOWED and not top.startswith("_"):
             raise ModuleNotFoundError(f"no {name} here", name=name)
 
 
-sys.meta_path.insert(0, NothingElse())
+sys.meta_path.insert(0, ImportGuard())
 """
-SPARSE = f"""{NOTHING_ELSE}
+NUMPY_ONLY = f"""{IMPORT_GUARD}
 import runpy
 
 sys.argv = [MAIN]
@@ -442,20 +440,20 @@ runpy.run_path(MAIN, run_name="__main__")
 """
 
 
-def sparsely() -> Sequence[str | Path]:
-    """The command with numpy only."""
-    return (sys.executable, "-u", "-c", SPARSE.replace("MAIN", repr(str(MAIN))))
+def numpy_only_command() -> Sequence[str | Path]:
+    """Return the command that runs the process with numpy as the only library."""
+    return (sys.executable, "-u", "-c", NUMPY_ONLY.replace("MAIN", repr(str(MAIN))))
 
 
-def test_numpy_suffices(tmp_path: Path) -> None:
-    bench, other = Bench(), Bench()
-    done = run("random_roads:RandomRoads", tmp_path, bench=bench, command=sparsely())
-    assert done.end["end"] == "over", done.end
+def test_a_generators_process_needs_numpy_alone(tmp_path: Path) -> None:
+    bench, full_bench = Bench(), Bench()
+    result = run("random_roads:RandomRoads", tmp_path, bench=bench, command=numpy_only_command())
+    assert result.end["end"] == "over", result.end
     (tmp_path / "full").mkdir()
-    run("random_roads:RandomRoads", tmp_path / "full", bench=other)
-    assert bench.roads == other.roads
+    run("random_roads:RandomRoads", tmp_path / "full", bench=full_bench)
+    assert bench.roads == full_bench.roads
 
 
-def test_python_3_9_can_run_it() -> None:
+def test_python_3_9_can_run_host_and_stand_ins() -> None:
     for file in (MAIN, *(BENCH / "standins").rglob("*.py")):
         assert too_new_in(file) == [], file

@@ -1,4 +1,4 @@
-"""Recipes of published generators, tried on small generators of our own in their places."""
+"""Recipes of published generators, tested on small generators in their places."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ class {name}:
         self.executor = executor
 
     def start(self):
-        # As its original: it opens a file of the repository's root, and keeps the last 40 s free.
+        # Like its original: it opens a file of the repository and keeps the last 40 s free.
         assert Path("rigaa-sbft2023/src/models/rl_model.zip").read_bytes() == b"model"
         x = 20.0
         while not self.executor.is_over():
@@ -33,7 +33,7 @@ class {name}:
 
 
 def checkout(recipe: Recipe, folder: Path) -> Path:
-    """A folder with a generator at the recipe's place."""
+    """Write a generator at the recipe's place in a folder; return the folder."""
     module, _, name = recipe.spec.partition(":")
     file = (folder / recipe.path).joinpath(*module.split(".")).with_suffix(".py")
     file.parent.mkdir(parents=True)
@@ -51,17 +51,17 @@ def test_a_recipe_makes_an_entrant_of_its_files(name: str, tmp_path: Path) -> No
     folder = checkout(recipe, tmp_path)
     entrant = recipe.entrant(folder)
     assert entrant.name == recipe.title
-    assert entrant.source() is not None  # so its file is found
+    assert entrant.source() is not None  # the entrant's file was located
     assert entrant.copy is None or entrant.path is not None
-    for needed, what in recipe.files.items():
+    for needed, description in recipe.files.items():
         (folder / needed).unlink()
         with pytest.raises(FreneticError) as caught:
             recipe.entrant(folder)
-        assert what in str(caught.value)
+        assert description in str(caught.value)
         (folder / needed).touch()
 
 
-def test_a_generator_that_keeps_its_last_seconds_free_needs_dearer_drives(tmp_path: Path) -> None:
+def test_a_generator_that_keeps_40_s_free_needs_tests_of_40_s_or_more(tmp_path: Path) -> None:
     recipe = find_recipe("rigaa-2023")
     folder = checkout(recipe, tmp_path / "files")
     (folder / "rigaa-sbft2023" / "src" / "models").mkdir()

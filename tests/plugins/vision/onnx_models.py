@@ -28,13 +28,13 @@ def write(
     opset: int = 13,
     **convention: Any,
 ) -> Path:
-    """A model of nodes, with further inputs of their shapes; its metadata hold the convention."""
+    """Write a model of nodes with further inputs; its metadata hold the convention."""
     shapes = dict.fromkeys(inputs, shape) | dict(further)
     domains = {node.domain for node in nodes}
     graph = helper.make_graph(
         list(nodes),
         "test",
-        [helper.make_tensor_value_info(name, kind, list(one)) for name, one in shapes.items()],
+        [helper.make_tensor_value_info(name, kind, list(size)) for name, size in shapes.items()],
         [helper.make_tensor_value_info(name, TensorProto.FLOAT, None) for name in gives],
         list(tensors),
     )
@@ -50,13 +50,13 @@ def write(
 
 
 def answering(path: Path, *values: float, **more: Any) -> Path:
-    """A model that gives these numbers for every image."""
+    """Write a model that returns these numbers for every image."""
     tensor = numpy_helper.from_array(np.array([values], dtype=np.float32))
     return write(path, [helper.make_node("Constant", [], ["out"], value=tensor)], **more)
 
 
 def weighing(path: Path, weights: npt.NDArray[np.float64], **more: Any) -> Path:
-    """A model that gives the weighted sum of its input as the wheels' angle."""
+    """Write a model that returns the weighted sum of its input as the wheels' angle."""
     nodes = [
         helper.make_node("Flatten", ["image"], ["flat"]),
         helper.make_node("MatMul", ["flat", "w"], ["out"]),
@@ -66,7 +66,7 @@ def weighing(path: Path, weights: npt.NDArray[np.float64], **more: Any) -> Path:
 
 
 def with_weights_in(path: Path, other: str) -> Path:
-    """A model whose weights lie in another file."""
+    """Write a model whose weights lie in another file."""
     tensor = numpy_helper.from_array(np.zeros(3, dtype=np.float32), "w")
     tensor.ClearField("raw_data")
     tensor.data_location = TensorProto.EXTERNAL

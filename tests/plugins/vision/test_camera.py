@@ -1,4 +1,4 @@
-"""What a driver's camera saw, in a campaign's report."""
+"""Pictures of a driver's camera in a campaign's report."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ def camera_data(record: Test, config: Mapping[str, JSONValue]) -> Film | None:
 @pytest.fixture(scope="module", params=["wrappers", "conditions"])
 def searched(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A campaign in fog, laid over the driver by hand or as a condition of the campaign."""
-    folder = tmp_path_factory.mktemp("seen") / "campaign"
+    folder = tmp_path_factory.mktemp("searched") / "campaign"
     if request.param == "wrappers":
         run(folder, load_driver("marking-follower", fog=25.0, delay=0.1), 2)
     else:
@@ -85,12 +85,12 @@ def test_a_report_shows_what_the_camera_saw_through_its_wrappers(searched: Path)
         drawn = renderer.draw(path.x[i], path.y[i], path.heading[i])
         v, u = divmod(k, camera.columns)
         part = sheet[v * camera.height :, u * camera.width :][: camera.height, : camera.width]
-        seen = driver.alter(drawn, None).astype(float)  # type: ignore[arg-type]
-        assert np.abs(part - seen).mean() < 4.0
+        foggy = driver.alter(drawn, None).astype(float)  # type: ignore[arg-type]
+        assert np.abs(part - foggy).mean() < 4.0
         assert np.abs(part - drawn).mean() > 15.0  # the fog is there
 
 
-def test_only_what_can_be_drawn_again_is_in_a_report(searched: Path) -> None:
+def test_a_report_has_pictures_only_of_built_in_parts(searched: Path) -> None:
     with CampaignStore.open(searched) as store:
         config, record = store.config, store.test(1)
     assert camera_data(record, config) is not None
@@ -102,8 +102,8 @@ def test_only_what_can_be_drawn_again_is_in_a_report(searched: Path) -> None:
 def test_large_pictures_are_shrunk(searched: Path) -> None:
     with CampaignStore.open(searched) as store:
         config, record = store.config, store.test(1)
-    own: JSONValue = {"class": "mine:Driver", "camera": {"width": 400, "height": 100}}
-    camera = camera_data(record, {**config, "driver": own})
+    large: JSONValue = {"class": "mine:Driver", "camera": {"width": 400, "height": 100}}
+    camera = camera_data(record, {**config, "driver": large})
     assert camera is not None
     assert (camera.width, camera.height) == (LARGEST, 80)
 
@@ -112,4 +112,4 @@ def test_a_driver_without_a_camera_has_no_pictures(tmp_path: Path) -> None:
     folder = tmp_path / "campaign"
     run(folder, Planner(), 1)
     with CampaignStore.open(folder) as store:
-        assert [one["film"] for one in campaign_report(store).data["drives"]] == [None]
+        assert [drive["film"] for drive in campaign_report(store).data["drives"]] == [None]

@@ -67,24 +67,24 @@ def controls_of(network: Network, speed: float = 5.0) -> Controls:
     return network.act(seeing(picture(shape=network.camera.shape), speed))
 
 
-# What the network is fed with
+# Inputs of a network
 
 
 def rgb_to_yuv(image: npt.NDArray[np.uint8]) -> npt.NDArray[np.float64]:
-    """OpenCV's formula, in 0..1, from its documentation."""
+    """Convert by the formula of OpenCV's documentation, to 0..1."""
     r, g, b = (image[..., i] / 255.0 for i in range(3))
     y = 0.299 * r + 0.587 * g + 0.114 * b
     return np.stack([y, 0.492 * (b - y) + 0.5, 0.877 * (r - y) + 0.5], axis=-1)
 
 
 WEIGHTS = np.random.default_rng(3).normal(0.0, 0.1, (4, 6, 3))
-"""(height, width, channels)."""
+"""Weights of pixels: height, width, channels."""
 
 
 def assert_fed(
     network: Network, image: npt.NDArray[np.uint8], wanted: npt.ArrayLike, within: float = 1e-4
 ) -> None:
-    """The network is fed with these channels of an image, (height, width, n)."""
+    """Assert that the network's input is these channels of an image: height, width, n."""
     network.reset(setup())
     angle = network.act(seeing(image)).steering
     channels = np.asarray(wanted)
@@ -93,7 +93,7 @@ def assert_fed(
 
 
 @pytest.mark.parametrize("shape", [NCHW, NHWC, (1, 3, "height", "width"), ("n", 4, 6, 3)])
-def test_colour_layout_and_scale_are_as_the_file_says(
+def test_colour_layout_and_scale_follow_the_file(
     shape: tuple[int | str, ...], tmp_path: Path
 ) -> None:
     image = picture()
@@ -110,13 +110,13 @@ def test_colour_layout_and_scale_are_as_the_file_says(
         assert_fed(Network(str(file)), image, (channels - (0.5, 0.4, 0.3)) / 0.5, within)
 
 
-def test_grey(tmp_path: Path) -> None:
+def test_a_grey_image_is_the_brightness(tmp_path: Path) -> None:
     image = picture()
     file = weighing(tmp_path / "m.onnx", WEIGHTS[..., :1], shape=(1, 1, 4, 6), colour="grey")
     assert_fed(Network(str(file)), image, rgb_to_yuv(image)[..., :1])
 
 
-def test_rows_are_cropped_and_another_size_is_resized(tmp_path: Path) -> None:
+def test_rows_are_cropped_and_larger_images_resized(tmp_path: Path) -> None:
     file = weighing(tmp_path / "m.onnx", WEIGHTS, shape=NHWC, crop=[2, 1])
     network = Network(str(file))
     assert network.camera.shape == (7, 6, 3)
@@ -138,7 +138,7 @@ def test_dave2_is_a_preset_that_metadata_and_options_override(tmp_path: Path) ->
     assert network.options == {"model": str(file), "mean": 0.1, "camera": {"pitch": 5.0}}
 
 
-# What its answer means
+# Outputs of a network
 
 
 @pytest.mark.parametrize(
@@ -183,9 +183,9 @@ def test_a_model_file_names_a_driver(
     frenetic: Frenetic, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    how = ("--simulations", "3", "--seed", "1", "--workers", "1", "--json")
+    options = ("--simulations", "3", "--seed", "1", "--workers", "1", "--json")
     answering(tmp_path / "m.onnx", 0.0, max_speed=30.0)
-    answer = frenetic("run", "--driver", "m.onnx", *how, "--strategy", "random", "--out", "c")
+    answer = frenetic("run", "--driver", "m.onnx", *options, "--strategy", "random", "--out", "c")
     assert answer.code == 0, answer.err
     shown = frenetic("show", "c", "--json").json["config"]
     assert shown["spec"]["driver"] == "m.onnx"
@@ -196,7 +196,7 @@ def test_a_model_file_names_a_driver(
     assert answer.refuses("c was made with another driver", "start a new campaign from this one")
 
 
-def test_it_travels_to_processes_that_lack_the_file(tmp_path: Path) -> None:
+def test_a_pickled_network_needs_no_file(tmp_path: Path) -> None:
     file = answering(tmp_path / "m.onnx", 0.3)
     network = load_driver(str(file), {"max_speed": 20.0})
     data = pickle.dumps(network)
@@ -206,11 +206,11 @@ def test_it_travels_to_processes_that_lack_the_file(tmp_path: Path) -> None:
     assert copy.options == {"model": str(file), "max_speed": 20.0}
 
 
-# What is refused, in a line
+# Refused models
 
 
 def of_node(*node: Any, **more: Any) -> Callable[[Path], Path]:
-    """Makes a model of one node."""
+    """Return a function that writes a model of one node."""
     domain = more.pop("domain", None)
     return lambda path: write(path, [helper.make_node(*node, ["out"], domain=domain)], **more)
 
@@ -221,7 +221,7 @@ def other_folder(path: Path) -> Path:
 
 
 def giving(*values: float, **more: Any) -> Callable[[Path], Path]:
-    """Makes a model that gives these numbers."""
+    """Return a function that writes a model that returns these numbers."""
     return lambda path: answering(path, *values, **more)
 
 
@@ -278,7 +278,7 @@ REFUSED = [
 
 
 @pytest.mark.parametrize(("make", "options", "message"), REFUSED)
-def test_a_model_that_cannot_drive_is_refused_in_a_line(
+def test_an_unsuitable_model_is_refused_in_one_line(
     make: Any,
     options: dict[str, Any],
     message: str,
@@ -307,8 +307,8 @@ def test_damaged_metadata_are_refused(text: str) -> None:
         Convention.of({"frenetic": text}, {})
 
 
-def test_numbers_that_are_none_end_a_drive_with_their_reason(tmp_path: Path) -> None:
-    # It divides by what is 0 in the dark alone.
+def test_non_finite_output_and_a_missing_image_end_the_drive(tmp_path: Path) -> None:
+    # The network divides by the sum of the pixels, which is 0 for a black image only.
     nodes = [
         helper.make_node("ReduceSum", ["image"], ["sum"], keepdims=0),
         helper.make_node("Div", ["sum", "sum"], ["out"]),
@@ -321,7 +321,7 @@ def test_numbers_that_are_none_end_a_drive_with_their_reason(tmp_path: Path) -> 
         network.act(seeing(None))  # type: ignore[arg-type]
 
 
-def test_without_the_extra_the_way_to_it_is_named(
+def test_an_error_names_the_missing_extra(
     frenetic: Frenetic, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     answering(Path("m.onnx"), 0.0)
@@ -331,10 +331,10 @@ def test_without_the_extra_the_way_to_it_is_named(
     assert not Path("c").exists()
 
 
-# The network that comes along
+# The built-in network
 
 
-DIGEST = "1ae3ead8ef0275bd19c469059535602f374cbb73b1d432283f11cd0217b734ba"
+DAVE2_SHA256 = "1ae3ead8ef0275bd19c469059535602f374cbb73b1d432283f11cd0217b734ba"
 
 
 class TestDave2(DriverContract):
@@ -342,8 +342,8 @@ class TestDave2(DriverContract):
         return Dave2()
 
 
-def test_dave2_is_the_network_that_was_trained() -> None:
-    assert hashlib.sha256(DAVE2.read_bytes()).hexdigest() == DIGEST
+def test_dave2_is_the_trained_network() -> None:
+    assert hashlib.sha256(DAVE2.read_bytes()).hexdigest() == DAVE2_SHA256
     assert DAVE2.stat().st_size < 2_000_000
 
 
@@ -356,7 +356,7 @@ def test_dave2_keeps_its_lane_on_a_winding_road() -> None:
 # A policy of the environment
 
 
-def test_a_network_of_vectors_drives_as_the_same_policy_does(tmp_path: Path) -> None:
+def test_a_network_of_vectors_drives_like_the_same_policy(tmp_path: Path) -> None:
     weights = np.zeros((2, 26), dtype=np.float32)
     weights[0, 4:6] = -0.8
     weights[0, 6:9] = 0.17
@@ -379,7 +379,7 @@ def test_a_network_of_vectors_drives_as_the_same_policy_does(tmp_path: Path) -> 
         return weights @ vector + np.array([0.0, 5.0], dtype=np.float32)
 
     road = Road([0.0, 0.02, 0.05, 0.05, 0.0, -0.04, -0.06, -0.02, 0.0])
-    drives = [EmbeddedSimulator().drive(road, one) for one in (network, PolicyDriver(policy))]
+    drives = [EmbeddedSimulator().drive(road, driver) for driver in (network, PolicyDriver(policy))]
     assert not hasattr(network, "camera")
     rows = [drive.trajectory.to_rows() for drive in drives]
     np.testing.assert_allclose(rows[0], rows[1], rtol=0, atol=1e-3)
@@ -387,7 +387,7 @@ def test_a_network_of_vectors_drives_as_the_same_policy_does(tmp_path: Path) -> 
 
 
 @pytest.mark.parametrize("shape", [(1, 25), (1, 3, 4, 6)])
-def test_a_network_of_vectors_takes_vectors(shape: tuple[int, ...], tmp_path: Path) -> None:
+def test_a_network_of_vectors_refuses_other_shapes(shape: tuple[int, ...], tmp_path: Path) -> None:
     file = answering(tmp_path / "m.onnx", 0.0, shape=shape)
     with pytest.raises(ValueError, match=r"a vector is needed, \(1, 26\) floats"):
         Network(str(file), inputs="vector")

@@ -1,4 +1,4 @@
-"""Networks with a speed, several frames and states, each against its twin in NumPy."""
+"""Networks with speed, several frames and states, compared with NumPy."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def pictures(count: int, shape: Sequence[int]) -> list[Pixels]:
 
 
 def angles(network: Network, images: Sequence[Pixels], speed: float = 5.0) -> list[float]:
-    """The network's answers from a reset on."""
+    """Reset a network; return its steering for each image."""
     network.reset(EmbeddedSimulator().setup(ROAD))
     return [network.act(seeing(image, speed)).steering for image in images]
 
@@ -58,7 +58,7 @@ SEEING = [
 
 
 @pytest.mark.parametrize("shape", [(), (1,), (1, 1), ("n", 1)])
-def test_a_further_input_of_one_number_is_the_speed(
+def test_another_input_of_one_number_is_the_speed(
     shape: Sequence[int | str], tmp_path: Path
 ) -> None:
     w = weights(3, 4, 6)
@@ -74,22 +74,24 @@ def test_a_further_input_of_one_number_is_the_speed(
         steering="rad",
     )
     (image,) = pictures(1, (4, 6, 3))
-    seen = (w * image.transpose(2, 0, 1) / 255.0).sum()
+    from_image = (w * image.transpose(2, 0, 1) / 255.0).sum()
     for options, unit in (({}, 1.0), ({"speed_scale": 3.6}, 3.6)):
         network = Network(str(file), **options)  # type: ignore[arg-type]
-        assert angles(network, [image], 7.0) == pytest.approx([seen + 0.01 * 7.0 * unit], abs=1e-5)
+        assert angles(network, [image], 7.0) == pytest.approx(
+            [from_image + 0.01 * 7.0 * unit], abs=1e-5
+        )
 
 
 # Frames
 
 
 def stacked(axis: int) -> Callable[[list[Any]], Any]:
-    """Frames in the channels, which lie in an axis of (height, width, channels) moved there."""
+    """Return a function that joins frames as channels, moved to this axis."""
     return lambda frames: np.moveaxis(np.concatenate(frames, axis=2), 2, axis)
 
 
 def apart(axis: int) -> Callable[[list[Any]], Any]:
-    """Frames in an axis of their own, the channels in another."""
+    """Return a function that joins frames in a first axis, with the channels in this axis."""
     return lambda frames: np.moveaxis(np.stack(frames), 3, axis)
 
 
@@ -109,7 +111,7 @@ FRAMES: list[tuple[Sequence[int | str], dict[str, Any], Callable[[list[Any]], An
 
 
 @pytest.mark.parametrize(("shape", "options", "arranged"), FRAMES)
-def test_frames_are_the_last_images_with_the_first_repeated(
+def test_frames_are_the_last_images_and_at_first_the_first_image_repeated(
     shape: Sequence[int | str],
     options: dict[str, Any],
     arranged: Callable[[list[Any]], Any],
@@ -140,9 +142,11 @@ def test_frames_are_the_last_images_with_the_first_repeated(
         camera={"width": 10, "height": 8},
     )
     network = Network(str(file), **options)
-    wanted = [float(one.ravel() @ w) for one in fed]
+    wanted = [float(frames.ravel() @ w) for frames in fed]
     assert angles(network, images) == pytest.approx(wanted, abs=1e-5)
-    assert angles(network, images[2:])[0] != pytest.approx(wanted[2], abs=1e-5)  # it forgot
+    assert angles(network, images[2:])[0] != pytest.approx(
+        wanted[2], abs=1e-5
+    )  # a reset clears the frames
 
 
 # States
@@ -151,7 +155,7 @@ def test_frames_are_the_last_images_with_the_first_repeated(
 def remembering(
     path: Path, states: Mapping[str, str], shapes: Sequence[Sequence[int | str]]
 ) -> Path:
-    """h' = tanh(0.9 h + seen), c' = c + h'; it answers the sum of c'."""
+    """Write a network with h' = tanh(0.9 h + seen), c' = c + h'; it returns the sum of c'."""
     (h, h_next), (c, c_next) = states.items()
     return write(
         path,
@@ -184,12 +188,16 @@ STATES: list[tuple[dict[str, str], Any, dict[str, Any]]] = [
     ({"h0": "hn", "c0": "cn"}, (("n", 2), ("n", 2)), {}),
     ({"hidden": "next_hidden", "cell": "next_cell"}, PAIR, {}),
     ({"a": "13", "b": "14"}, PAIR, {"states": {"a": "13", "b": "14"}}),
-    ({"a": "13", "total_in": "total_out"}, ((1, 2), (1, 1)), {}),  # by its shape, and its name
+    (
+        {"a": "13", "total_in": "total_out"},
+        ((1, 2), (1, 1)),
+        {},
+    ),  # a by its shape, total_in by its name
 ]
 
 
 @pytest.mark.parametrize(("states", "shapes", "options"), STATES)
-def test_states_are_fed_back_from_zero_on(
+def test_states_start_at_zero_and_are_fed_back(
     states: dict[str, str], shapes: Any, options: dict[str, Any], tmp_path: Path
 ) -> None:
     network = Network(str(remembering(tmp_path / "m.onnx", states, shapes)), **options)
@@ -204,7 +212,7 @@ def test_states_are_fed_back_from_zero_on(
     assert angles(network, images) == first
 
 
-def test_a_name_of_the_speed_is_no_state_and_a_direction_goes_first(tmp_path: Path) -> None:
+def test_speed_in_is_no_state_and_the_output_steering_comes_first(tmp_path: Path) -> None:
     file = write(
         tmp_path / "m.onnx",
         [
@@ -250,11 +258,11 @@ def test_drives_with_speed_frames_and_states_repeat(tmp_path: Path) -> None:
     np.testing.assert_array_equal(rows[0], rows[1])
 
 
-# What is refused, in a line
+# Refused models
 
 
-def two(shape: Sequence[int | str], **more: Any) -> Callable[[Path], Path]:
-    """A model that looks at its first input only, and gives nothing back."""
+def unused_input(shape: Sequence[int | str], **more: Any) -> Callable[[Path], Path]:
+    """Return a function that writes a model with an unused second input and no states."""
     return lambda path: write(
         path,
         [helper.make_node("ReduceMean", ["image"], ["out"])],
@@ -283,8 +291,8 @@ def growing(path: Path) -> Path:
 OTHER = "is neither the image, one speed, nor a state that just one further output"
 
 REFUSED: list[tuple[Any, dict[str, Any], str]] = [
-    (two((1, 7)), {}, f"its input b, (1, 7), {OTHER}"),
-    (two((1, 1), further={"b": (1, 1), "c": (1,)}), {}, f"its input c, (1), {OTHER}"),
+    (unused_input((1, 7)), {}, f"its input b, (1, 7), {OTHER}"),
+    (unused_input((1, 1), further={"b": (1, 1), "c": (1,)}), {}, f"its input c, (1), {OTHER}"),
     (unnamed, {}, f"its input a, (1, 2), {OTHER}"),
     (growing, {}, "its output h_out has the shape (1, 2), but the state h_in has (1, 1)"),
     (
@@ -309,7 +317,7 @@ REFUSED: list[tuple[Any, dict[str, Any], str]] = [
 
 
 @pytest.mark.parametrize(("make", "options", "message"), REFUSED)
-def test_inputs_that_fit_nothing_are_refused_in_a_line(
+def test_unknown_inputs_are_refused_in_one_line(
     make: Any, options: dict[str, Any], message: str, tmp_path: Path
 ) -> None:
     file = make(tmp_path / "m.onnx")
@@ -319,7 +327,7 @@ def test_inputs_that_fit_nothing_are_refused_in_a_line(
     assert "\n" not in str(caught.value)
 
 
-def test_a_state_that_is_no_number_ends_a_drive(tmp_path: Path) -> None:
+def test_a_non_finite_state_ends_the_drive(tmp_path: Path) -> None:
     file = write(
         tmp_path / "m.onnx",
         [

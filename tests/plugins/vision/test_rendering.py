@@ -35,7 +35,7 @@ BENDS = Road([0.0, 0.0, 0.03, 0.04, 0.0, -0.04, -0.05, -0.03, 0.0, 0.03, 0.05, 0
 
 @dataclass
 class Watching:
-    """Drives as the planner does and keeps what it sees."""
+    """Drives like the planner and stores the images that it sees."""
 
     camera: Camera
     driver: Driver = field(default_factory=Planner)
@@ -58,12 +58,12 @@ def test_a_driver_with_a_camera_sees_the_same_pictures_in_every_drive() -> None:
         simulator.drive(BENDS, Noisy(driver, offset=0.0, heading=0.0))
         second = list(driver.images)
     assert len(first) > 50
-    for one, other in zip(first, second, strict=True):
-        assert one is not None
-        assert other is not None
-        assert one.shape == (32, 64, 3)
-        assert one.dtype == np.uint8
-        np.testing.assert_array_equal(one, other)
+    for image, repeated in zip(first, second, strict=True):
+        assert image is not None
+        assert repeated is not None
+        assert image.shape == (32, 64, 3)
+        assert image.dtype == np.uint8
+        np.testing.assert_array_equal(image, repeated)
     assert not np.array_equal(first[0], first[-1])  # type: ignore[arg-type]
 
 
@@ -71,7 +71,7 @@ def test_a_driver_with_a_camera_sees_the_same_pictures_in_every_drive() -> None:
 
 
 def pixel_of(camera: Camera, place: Pose, point: tuple[float, float]) -> tuple[float, float]:
-    """(row, column) at which a camera of a car sees a point on the ground, by matrices."""
+    """Return row and column at which a car's camera sees a point on the ground, by matrices."""
     c, s = np.cos(place.heading), np.sin(place.heading)
     world = np.array([point[0] - place.x, point[1] - place.y, 0.0])
     in_car = np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]]) @ world
@@ -103,11 +103,11 @@ CAMERAS = (
 
 
 @pytest.mark.parametrize("camera", CAMERAS, ids=str)
-def test_points_of_the_markings_are_where_another_projection_puts_them(camera: Camera) -> None:
+def test_markings_are_drawn_where_another_projection_puts_them(camera: Camera) -> None:
     x, y = at(BENDS, 15.0, -2.0)
     place = Pose(x, y, BENDS.pose_at(15.0).heading)
     image = CameraRenderer(BENDS, camera).draw(*place).astype(float)
-    seen = 0
+    visible = 0
     for left, beside in ((-3.8, -3.0), (3.8, 3.0), (0.0, 1.0)):
         for ahead in (6.0, 8.0, 11.0, 14.0):
             s = 15.0 + ahead
@@ -119,20 +119,20 @@ def test_points_of_the_markings_are_where_another_projection_puts_them(camera: C
                 for row, column in (on, off)
             ):
                 continue
-            seen += 1
+            visible += 1
             assert image[round(on[0]), round(on[1])].min() > 140.0, (left, ahead)
             assert image[round(off[0]), round(off[1])].max() < 110.0, (left, ahead)
-    assert seen >= 5
+    assert visible >= 5
 
 
 def at(road: Road, distance: float, left: float) -> tuple[float, float]:
-    """A point beside the road's centre line."""
+    """Return a point beside the road's centre line, at a distance to the left in m."""
     pose = road.pose_at(distance)
     return pose.x - left * np.sin(pose.heading), pose.y + left * np.cos(pose.heading)
 
 
 def test_the_edge_of_a_line_lies_within_a_tenth_of_a_pixel() -> None:
-    """Sub-pixel: the brightness along a row has its centre where the line's middle is."""
+    """The centre of brightness along a row lies in the middle of the line."""
     camera = Camera(width=320, height=160, pitch=0.0)
     straight = Road([0.0] * 12)
     place = Pose(0.0, 0.0, straight.pose.heading)
@@ -147,7 +147,7 @@ def test_the_edge_of_a_line_lies_within_a_tenth_of_a_pixel() -> None:
 
 
 def test_a_road_that_comes_back_is_drawn_twice() -> None:
-    """Both legs of a hairpin are in the picture, each with its own markings."""
+    """Both legs of a hairpin are in the picture."""
     hairpin = Road([0.0] * 5 + [0.05, 0.0628, 0.0628, 0.0628, 0.05] + [0.0] * 5)
     camera = Camera(width=320, height=160)
     heading = hairpin.pose.heading + 0.6
@@ -180,12 +180,12 @@ def test_a_long_road_and_a_wide_lane_can_be_drawn() -> None:
         ({"distortion": -0.5}, "distortion is -0.5: with this field of view its corners"),
     ],
 )
-def test_a_camera_says_what_is_wrong_with_it(options: dict[str, Any], message: str) -> None:
+def test_invalid_options_of_a_camera_are_refused(options: dict[str, Any], message: str) -> None:
     with pytest.raises(ValueError, match=message):
         Camera(**options)
 
 
-def test_what_is_no_camera_is_the_drivers_error() -> None:
+def test_a_driver_whose_camera_is_no_camera_is_at_fault() -> None:
     driver: Any = Watching("a webcam")  # type: ignore[arg-type]
     with EmbeddedSimulator() as simulator:
         drive = simulator.drive(BENDS, driver)
@@ -210,10 +210,10 @@ def test_each_wrapper_changes_the_picture_and_repeats() -> None:
     amounts = {"scene": 3, "wear": 0.7, "fog": 30, "rain": 20, "blur": 0.1, "light": 0.5}
     amounts["grain"] = 10
     for name, amount in amounts.items():
-        seen, again = np.array(pictures(**{name: amount})), np.array(pictures(**{name: amount}))
-        assert seen.dtype == np.uint8
-        np.testing.assert_array_equal(seen, again)
-        assert not np.array_equal(seen, plain), name
+        changed = np.array(pictures(**{name: amount}))
+        assert changed.dtype == np.uint8
+        np.testing.assert_array_equal(changed, np.array(pictures(**{name: amount})))
+        assert not np.array_equal(changed, plain), name
     assert np.array(pictures(light=0.5)).mean() < 0.8 * plain.mean()
     assert np.array(pictures(fog=10.0))[:, :8, :, 0].std() < 1.0  # the sky is gone
     np.testing.assert_array_equal(np.array(pictures(light=1.0, blur=0.0, grain=0.0)), plain)
@@ -226,19 +226,19 @@ def test_a_wrapper_for_a_camera_is_refused_over_a_driver_without_one() -> None:
         load_driver("marking-follower", fog=1.0)
 
 
-def test_conditions_lay_what_they_vary_in_the_order_of_one_picture() -> None:
+def test_conditions_are_applied_in_the_order_of_one_picture() -> None:
     driver = load_driver("marking-follower", grain=3.0, fog=50.0, noise=0.1)
     with (
         EmbeddedSimulator() as simulator,
         in_conditions({"light": 0.5, "fog": 70.0}, simulator, driver) as wrapped,
     ):
         described = describe(wrapped)
-    found = []
+    wrappers = []
     while "driver" in described:
-        found.append((str(described["class"]).rpartition(":")[2], described["options"]))
+        wrappers.append((str(described["class"]).rpartition(":")[2], described["options"]))
         described = described["driver"]  # type: ignore[assignment]
-    assert [name for name, _ in found] == ["Noisy", "Foggy", "Lit", "Grainy"]
-    assert found[1][1] == {"visibility": 70.0}
+    assert [name for name, _ in wrappers] == ["Noisy", "Foggy", "Lit", "Grainy"]
+    assert wrappers[1][1] == {"visibility": 70.0}
     assert described["camera"] == asdict(Camera())
 
 

@@ -1,4 +1,4 @@
-"""Generators that behave as they like, one class for each way."""
+"""Generators that crash, hang, exit or otherwise misbehave, one class each."""
 
 import copy
 import os
@@ -46,7 +46,7 @@ class Exiting(Plain):
 
 
 class NeverReturning(Plain):
-    """Has nothing more to say after two tests, and does not stop."""
+    """Hangs after two tests."""
 
     def start(self):
         self.execute()
@@ -56,7 +56,7 @@ class NeverReturning(Plain):
 
 
 class Stubborn(Plain):
-    """Returns only when it has been told three times that the budget is spent."""
+    """Returns only after three refusals because the budget is spent."""
 
     def start(self):
         refusals = 0
@@ -68,7 +68,7 @@ class Stubborn(Plain):
 
 
 class Threads(Plain):
-    """Executes tests from several threads and leaves one running that nobody will end."""
+    """Executes tests from several threads and leaves a thread that never ends."""
 
     def start(self):
         workers = [threading.Thread(target=self.execute) for _ in range(4)]
@@ -94,7 +94,7 @@ class Phases(Plain):
 
 
 class Old2021(Plain):
-    """Is written for the pipeline of 2021: it is given the time budget, and time is a number."""
+    """Written for the pipeline of 2021, which passes the time budget; times are numbers."""
 
     def __init__(self, time_budget=None, executor=None, map_size=None):
         super().__init__(executor, map_size)
@@ -106,17 +106,17 @@ class Old2021(Plain):
 
 
 class Copying(Plain):
-    """Deep-copies all that it holds, as optimisers do, and notes the folder of each drive."""
+    """Deep-copies its state, as optimisers do, and notes the folder of each drive."""
 
     def start(self):
-        held = {"problem": self, "folders": []}
+        state = {"problem": self, "folders": []}
         budget = copy.deepcopy(self.executor.time_budget)
         while not budget.is_over():
-            held = pickle.loads(pickle.dumps(copy.deepcopy(held)))
-            if held["problem"].execute()[2]:
+            state = pickle.loads(pickle.dumps(copy.deepcopy(state)))
+            if state["problem"].execute()[2]:
                 folders = Path("simulations/beamng_executor").iterdir()
-                held["folders"].append(max(folders, key=os.path.getmtime).name)
-            Path("folders.txt").write_text("\n".join(held["folders"]), encoding="utf-8")
+                state["folders"].append(max(folders, key=os.path.getmtime).name)
+            Path("folders.txt").write_text("\n".join(state["folders"]), encoding="utf-8")
 
 
 class Slow(Plain):
@@ -126,7 +126,7 @@ class Slow(Plain):
 
 
 class Sleeping(Plain):
-    """Works on and on, beside a process of its own."""
+    """Runs for 600 s with a helper process."""
 
     def start(self):
         helper = subprocess.Popen([sys.executable, "-c", "import time; time.sleep(600)"])

@@ -1,4 +1,4 @@
-"""Hands over what is no road test, and roads that are none."""
+"""Hands over malformed roads and objects that are no road tests."""
 
 import json
 from pathlib import Path
@@ -22,14 +22,14 @@ class OddTests:
         self.executor = executor
 
     def start(self):
-        seen = []
+        answers = []
         for road_points in ROADS:
             test = RoadTestFactory.create_road_test(road_points)
-            told = self.executor.validate_test(test)
+            validity = self.executor.validate_test(test)
             outcome, description, data = self.executor.execute_test(test)
-            assert told == (test.is_valid, test.validation_message)
+            assert validity == (test.is_valid, test.validation_message)
             assert outcome == "PASS" or description == test.validation_message
             assert hasattr(test, "execution_data") == (outcome == "PASS")
-            seen.append([outcome, description, len(data), test.id, test.is_valid])
-        seen += [self.executor.execute_test(other) for other in (ROADS[-1].tolist(), None)]
-        Path("seen.json").write_text(json.dumps(seen), encoding="utf-8")
+            answers.append([outcome, description, len(data), test.id, test.is_valid])
+        answers += [self.executor.execute_test(other) for other in (ROADS[-1].tolist(), None)]
+        Path("answers.json").write_text(json.dumps(answers), encoding="utf-8")

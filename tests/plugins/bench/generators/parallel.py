@@ -1,4 +1,4 @@
-"""Makes its roads in processes that multiprocessing spawns."""
+"""Makes its roads in a spawned process."""
 
 import multiprocessing
 

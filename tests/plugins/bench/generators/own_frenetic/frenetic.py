@@ -1,4 +1,4 @@
-"""A generator in a module that has the name of ours."""
+"""A generator in a module that is called like our package."""
 
 from code_pipeline.tests_generation import RoadTestFactory
 

@@ -1,4 +1,4 @@
-"""Comes with a copy of the pipeline that holds a module of its own."""
+"""Comes with a copy of the pipeline that has an additional module."""
 
 import json
 from pathlib import Path
@@ -15,5 +15,5 @@ class Helped:
     def start(self):
         test = RoadTestFactory.create_road_test(my_helper.straight_road(50.0))
         outcome, _, _ = self.executor.execute_test(test)
-        seen = [outcome, tests_generation.__name__, code_pipeline.my_helper is my_helper]
-        Path("seen.json").write_text(json.dumps(seen), encoding="utf-8")
+        report = [outcome, tests_generation.__name__, code_pipeline.my_helper is my_helper]
+        Path("report.json").write_text(json.dumps(report), encoding="utf-8")

@@ -1,4 +1,4 @@
-"""The executor of 2022: it discards a test that spends the budget to its end."""
+"""The executor of 2022, which discards the test during which the budget ends."""
 
 import sys
 from abc import ABC, abstractmethod
@@ -28,7 +28,7 @@ class Budget:
 class AbstractTestExecutor(ABC):
     def __init__(self, result_folder, map_size, time_budget=None, road_visualizer=None):
         assert all(map(callable, (Electrics, Model)))
-        descartes.patch.draw_nothing(False)  # a name of a name is there, too
+        descartes.patch.draw_nothing(False)  # an attribute of a stand-in's attribute exists, too
         self.folder = Path(result_folder)
         self.time_budget = Budget(time_budget)
         self.stats = Statistic()

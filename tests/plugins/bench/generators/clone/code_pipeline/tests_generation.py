@@ -1,4 +1,4 @@
-"""A small pipeline in words of its own; its tests are checked by `self_driving.road_polygon`."""
+"""A small pipeline, written for these tests; `self_driving.road_polygon` checks its roads."""
 
 from self_driving.road_polygon import RoadPolygon
 

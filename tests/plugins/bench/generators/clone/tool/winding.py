@@ -1,4 +1,4 @@
-"""Draws roads in the pipeline that lies around it, and checks what that gives it."""
+"""Draws roads in the surrounding pipeline, and checks what the pipeline returns."""
 
 import copy
 import json
@@ -29,4 +29,4 @@ class Winding:
             outcome, _, _ = self.executor.execute_test(test)
             assert valid == test.verdict == (outcome != "INVALID", valid[1])
         stats = {**vars(self.executor.stats), "generation": self.executor.get_remaining_time()}
-        Path("seen.json").write_text(json.dumps(stats), encoding="utf-8")
+        Path("statistics.json").write_text(json.dumps(stats), encoding="utf-8")

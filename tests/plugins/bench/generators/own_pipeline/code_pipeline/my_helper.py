@@ -1,4 +1,4 @@
-"""Builds on a module that the bench offers."""
+"""Imports a module of the pipeline, which the bench provides."""
 
 from code_pipeline.tests_generation import RoadTest
 
