@@ -1,4 +1,4 @@
-"""Code of README and docs runs, page by page, and prints what the page shows."""
+"""Code of README and docs runs, page by page, and prints the outputs that the page shows."""
 
 from __future__ import annotations
 
@@ -37,32 +37,31 @@ RESEARCH = sorted((ROOT / "research").glob("*.md"))
 BLOCK = re.compile(r"^```(\w+)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 LINK = re.compile(r"\]\((?!https?:)([^)#]+)")
 
-# Blocks of these kinds are shown, not run: a fragment of a user's own file, benchmarks, which take
-# data or time that a test does not have, and Python (py) that needs what tests do not install.
+# Blocks of these kinds do not run: fragments of files; benchmarks, which need data or much time;
+# Python (py) that needs packages which tests do not install.
 SHOWN = {"toml", "console", "py"}
 OUTPUT = "text"
-"""Kind of a block with what the last command, or the code, of the block before it prints."""
-# What a page may ask the reader to do beside running Frenetic: setting up. `.ci/run` does that.
+"""Kind of a block that shows the output of the block before it."""
+# Commands of a page that set up Frenetic; `.ci/run` runs them.
 SET_UP = ("python3 -m venv", "git clone", ".venv/bin/", ".ci/run")
-# A reader searches until there is much to see. Here the same commands run, on fewer roads, but for
-# pages that show outputs or name a late test.
-ENOUGH = {"simulations": 40, "repeats": 2, "times": 2}
-NUMBER = re.compile(rf"\b({'|'.join(ENOUGH)})([ =])(\d+)\b")
+# Tests run the same commands with fewer drives, except on pages that show outputs.
+MOST_DRIVES = {"simulations": 40, "repeats": 2, "times": 2}
+NUMBER = re.compile(rf"\b({'|'.join(MOST_DRIVES)})([ =])(\d+)\b")
 OF_THE_MACHINE = re.compile(
     r"in \d+:\d\d(:\d\d)?(, \d+:\d\d of it to start)?, [\d.,]+ tests/\w+"  # of a search
     r"|\(in \d+:\d\d(:\d\d)?\)|In all: +\d+:\d\d(:\d\d)?"
     r"|\d{4}-\d\d-\d\d[ T]\d\d:\d\d:\d\d[.\d]*(\+\d\d:\d\d)?"
     r"|\b(?=[a-f]*\d)[0-9a-f]{8}\b"  # digests, also of versions
 )
-"""What a command prints elsewhere, or at another time, otherwise."""
+"""Parts of an output that depend on machine and time."""
+Runs = dict[str, tuple[Path, str]]
+"""Command -> its folder and its output."""
 
 
-Made = dict[str, tuple[Path, str]]
-"""A command -> the folder that it has made, and what it has printed."""
-
-
-def run_page(page: Path, interpreter: Interpreter, folder: Path, made: Made | None = None) -> str:
-    """The page with the outputs that its blocks have now."""
+def run_page(
+    page: Path, interpreter: Interpreter, folder: Path, earlier_runs: Runs | None = None
+) -> str:
+    """Run a page's blocks; return the page with their current outputs."""
     text = page.read_text(encoding="utf-8")
     in_full = f"```{OUTPUT}\n" in text
     printed: str | None = None
@@ -71,7 +70,7 @@ def run_page(page: Path, interpreter: Interpreter, folder: Path, made: Made | No
         nonlocal printed
         kind, code = block.groups()
         if kind == OUTPUT:
-            assert printed is not None, f"{page.name}: nothing printed this:\n{code}"
+            assert printed is not None, f"{page.name}: no block printed this:\n{code}"
             now, printed = as_shown(printed, code), None
             return f"```{OUTPUT}\n{code if masked(now) == masked(code) else now}```"
         if kind in {"python", "sh"}:
@@ -80,9 +79,9 @@ def run_page(page: Path, interpreter: Interpreter, folder: Path, made: Made | No
                 printed = run_python(code, interpreter, folder)
             else:
                 drawn = [Path(name).name for name in PICTURES.get(page.name, {}).values()]
-                printed = run_commands(code, interpreter, folder, made, drawn)
+                printed = run_commands(code, interpreter, folder, earlier_runs, drawn)
         else:
-            assert kind in SHOWN, f"{page.name}: nobody runs a block of kind {kind!r}"
+            assert kind in SHOWN, f"{page.name}: no test knows blocks of kind {kind!r}"
             if name := re.match(r"# file: (\S+\.toml)\n", code):
                 (folder / name[1]).write_text(code, encoding="utf-8")
         return block[0]
@@ -91,28 +90,29 @@ def run_page(page: Path, interpreter: Interpreter, folder: Path, made: Made | No
 
 
 def as_shown(printed: str, shown: str) -> str:
-    """As much of what was printed as a page shows.
+    """Return the part of an output that a page shows.
 
     A line ``...`` stands for any number of lines, "..." at a line's end for its rest.
     """
-    lines, like = [line.rstrip() for line in printed.rstrip().splitlines()], shown.splitlines()
-    if "..." in like:
-        first = like.index("...")
-        lines[first : len(lines) - (len(like) - first - 1)] = ["..."]
+    lines = [line.rstrip() for line in printed.rstrip().splitlines()]
+    pattern = shown.splitlines()
+    if "..." in pattern:
+        first = pattern.index("...")
+        lines[first : len(lines) - (len(pattern) - first - 1)] = ["..."]
     return "".join(
         f"{line[: len(old) - 3]}...\n" if old.endswith("...") and old != line else f"{line}\n"
-        for line, old in zip(lines, chain(like, repeat("")), strict=False)
+        for line, old in zip(lines, chain(pattern, repeat("")), strict=False)
     )
 
 
 def masked(text: str) -> str:
-    """A text without what depends on the machine."""
+    """Return a text without the parts that depend on the machine."""
     return OF_THE_MACHINE.sub("*", text)
 
 
 def shortened(text: str) -> str:
-    """Commands or code with numbers of drives that are at most enough."""
-    return NUMBER.sub(lambda one: f"{one[1]}{one[2]}{min(int(one[3]), ENOUGH[one[1]])}", text)
+    """Return commands or code with at most `MOST_DRIVES`."""
+    return NUMBER.sub(lambda m: f"{m[1]}{m[2]}{min(int(m[3]), MOST_DRIVES[m[1]])}", text)
 
 
 PICTURES = {
@@ -125,7 +125,7 @@ PICTURES = {
 
 
 def run_python(text: str, interpreter: Interpreter, folder: Path) -> str:
-    """What it prints."""
+    """Run Python code, or write it into the file that it names; return its output."""
     name = re.match(r"# file: (\S+)\n", text)
     if name is None:
         ended = interpreter.python(text, folder=folder)
@@ -138,9 +138,9 @@ def run_python(text: str, interpreter: Interpreter, folder: Path) -> str:
 
 
 def run_commands(
-    text: str, interpreter: Interpreter, folder: Path, made: Made | None, drawn: list[str]
+    text: str, interpreter: Interpreter, folder: Path, earlier_runs: Runs | None, drawn: list[str]
 ) -> str:
-    """What the last of them prints."""
+    """Run commands; return the output of the last."""
     printed = ""
     for line in text.splitlines():
         command = line.split("  # ")[0].strip()
@@ -151,22 +151,22 @@ def run_commands(
             printed = run_tests(arguments, interpreter, folder)
             continue
         assert program == "frenetic", f"a page asks for {command!r}, which no test runs"
-        if made and command in made:
-            before, printed = made[command]
+        if earlier_runs and command in earlier_runs:
+            before, printed = earlier_runs[command]
             copytree(before, folder / before.name)
             continue
         ended = interpreter.frenetic(*arguments, folder=folder, drawn=drawn)
         assert ended.code == 0, f"{command}\n{ended.output}"
         printed = ended.stdout
-        if made is not None and arguments[0] == "run":
-            made[command] = folder / arguments[-1], printed
+        if earlier_runs is not None and arguments[0] == "run":
+            earlier_runs[command] = folder / arguments[-1], printed
     return printed
 
 
 def run_tests(
     names: list[str], interpreter: Interpreter, folder: Path, *, passes: bool = False
 ) -> str:
-    """What pytest prints; a page may show tests that fail."""
+    """Run pytest; return its output. A page may show tests that fail."""
     arguments = ["-q", "-p", "no:cacheprovider", *names]
     code = f"import pytest; raise SystemExit(pytest.main({arguments}))"
     ended = interpreter.python(code, folder=folder)
@@ -182,32 +182,35 @@ GROUPS += [[page] for page in PAGES if not any(page in group for group in GROUPS
 
 @pytest.mark.heavy
 @pytest.mark.parametrize("pages", GROUPS, ids=lambda pages: pages[0].name)
-def test_code_runs_and_prints_what_the_page_shows(
+def test_code_runs_and_prints_the_outputs_of_its_page(
     pages: list[Path], interpreter: Interpreter, tmp_path: Path, pytestconfig: pytest.Config
 ) -> None:
-    images, made = ROOT / "docs" / "images", Made()
-    anew = "pytest --all tests/test_docs.py --write-outputs"
+    images, earlier_runs = ROOT / "docs" / "images", Runs()
+    remedy = "pytest --all tests/test_docs.py --write-outputs"
     for page in pages:
         folder, pictures = tmp_path / page.stem, PICTURES.get(page.name, {})
         folder.mkdir()
-        text = run_page(page, interpreter, folder, made)
+        text = run_page(page, interpreter, folder, earlier_runs)
         if pytestconfig.getoption("--write-outputs"):
             page.write_text(text, encoding="utf-8", newline="\n")
             for name, drawn in pictures.items():
                 copy(folder / drawn, images / name)
-        assert text == page.read_text(encoding="utf-8"), anew
+        assert text == page.read_text(encoding="utf-8"), remedy
         for name, drawn in pictures.items():
             difference = np.abs(coarse(folder / drawn) - coarse(images / name)).max()
-            assert difference < 50, f"{name}: {anew}"
+            assert difference < 50, f"{name}: {remedy}"
 
 
 def coarse(picture: Path) -> FloatArray:
-    """Brightness of 64 by 64 parts of a picture, 0..255; other fonts change it by less than 30."""
+    """Return the brightness of 64 by 64 parts of a picture, 0..255.
+
+    Other fonts change it by less than 30.
+    """
     with Image.open(picture) as image:
         return np.asarray(image.convert("L").resize((64, 64), Image.Resampling.BOX), float)
 
 
-def test_links_lead_somewhere_and_pages_have_a_place_in_the_site() -> None:
+def test_link_targets_exist_and_the_site_has_every_page() -> None:
     for page in (*PAGES, *RESEARCH):
         for target in LINK.findall(page.read_text(encoding="utf-8")):
             assert (page.parent / target).exists(), f"{page.name}: {target}"
@@ -216,7 +219,7 @@ def test_links_lead_somewhere_and_pages_have_a_place_in_the_site() -> None:
         assert f'= "{page.relative_to(ROOT / "docs").as_posix()}" }}' in site
 
 
-def test_the_first_page_says_what_frenetic_does_with_a_picture_before_anything_else() -> None:
+def test_the_first_page_begins_with_title_summary_and_picture() -> None:
     (first, *_) = pages_in_order(SITE)
     title, words, picture, *_ = first.read_text(encoding="utf-8").split("\n\n")
     assert title == "# Frenetic finds the roads on which an automated driver leaves its lane"
@@ -224,11 +227,11 @@ def test_the_first_page_says_what_frenetic_does_with_a_picture_before_anything_e
     assert "](images/failure.png)" in picture
 
 
-# The site's pages, pasted one after the other
+# The site's pages, pasted into one folder
 
 
 def pages_in_order(entries: list[dict[str, Any]]) -> Iterator[Path]:
-    """The pages of the site in the order of its navigation."""
+    """Yield the pages of the site in the order of its navigation."""
     for entry in entries:
         for target in entry.values():
             if isinstance(target, str):
@@ -244,7 +247,7 @@ CREATES = re.compile(
     |open\("([^"]+)",[ ]"w"|mkdir\("([^"]+)"|--(?:plot|junit)[ ](\S+)""",
     re.MULTILINE | re.VERBOSE,
 )
-"""What a block creates in the reader's folder."""
+"""Files and folders that a block creates."""
 READS = re.compile(
     r"frenetic (?:calibrate|check|compare|drive|estimate|export|minimise|rank|report|rerun|resume"
     r"|show) ([a-z][\w-]*)(?!\S*=)"
@@ -253,7 +256,7 @@ READS = re.compile(
 
 
 def created_by(page: Path) -> set[str]:
-    """Files and folders that the code of a page creates, whoever runs it."""
+    """Return files and folders that the code of a page creates."""
     created = set()
     for kind, code in BLOCK.findall(page.read_text(encoding="utf-8")):
         if kind != OUTPUT:
@@ -262,7 +265,7 @@ def created_by(page: Path) -> set[str]:
     return created
 
 
-def test_no_two_pages_of_the_site_create_the_same_file_or_folder() -> None:
+def test_no_two_pages_create_the_same_file_or_folder() -> None:
     pages = {page: created_by(page) for page in pages_in_order(SITE)}
     assert len(set().union(*pages.values())) > 60
     creators = Counter(chain.from_iterable(pages.values()))
@@ -281,14 +284,12 @@ def test_a_page_creates_each_campaign_once_and_reads_only_what_it_created() -> N
 
 
 PASTED = ["pytest.md", "embedded-simulator.md"]
-"""Pages that the short form pastes: code, commands and tests that fail, without a search."""
+"""Pages of the test's short form: code, commands and tests that fail, without a search."""
 
 
 @pytest.mark.heavy
 @pytest.mark.endurance
-def test_all_pages_of_the_site_run_one_after_the_other_in_one_folder(
-    tmp_path: Path, endurance: bool
-) -> None:
+def test_all_pages_run_one_after_the_other_in_one_folder(tmp_path: Path, endurance: bool) -> None:
     for page in pages_in_order(SITE):
         if endurance or page.name in PASTED:
             files = files_in(tmp_path)
@@ -299,13 +300,13 @@ def test_all_pages_of_the_site_run_one_after_the_other_in_one_folder(
 
 
 def files_in(folder: Path) -> dict[Path, int]:
-    """Files with the time in ns at which each was written, without what Python caches."""
+    """Return file -> time of its last change in ns, without Python's caches."""
     files = (file for file in folder.rglob("*") if "__pycache__" not in file.parts)
     return {file: file.stat().st_mtime_ns for file in files if file.is_file()}
 
 
 def paste_page(page: Path, folder: Path) -> None:
-    """Pastes a page's commands into a shell, and runs its code, as a reader does."""
+    """Paste a page's commands into a shell and run its code, as a reader does."""
     path = os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]])
     for kind, code in BLOCK.findall(page.read_text(encoding="utf-8")):
         name = re.match(r"# file: (\S+)\n", code)
@@ -328,18 +329,18 @@ def paste_page(page: Path, folder: Path) -> None:
                 assert ended.returncode in allowed, f"{page.name}: {command}\n{ended.stdout}"
 
 
-# The notebook: its cells run here, by what writes their outputs into it
+# The notebook, run by the script that writes its outputs
 
 
 def shown(notebook: dict[str, Any]) -> list[tuple[str, list[str], list[str]]]:
-    """Each code cell's id, kinds of output and what it prints, in order."""
+    """Return each code cell's id, kinds of output and printed texts, in order."""
     return [
         (
             cell["id"],
-            [kind for one in cell["outputs"] for kind in one.get("data", {"text": ""})],
+            [kind for output in cell["outputs"] for kind in output.get("data", {"text": ""})],
             [
-                masked("".join(one.get("text") or one["data"]["text/plain"]))
-                for one in cell["outputs"]
+                masked("".join(output.get("text") or output["data"]["text/plain"]))
+                for output in cell["outputs"]
             ],
         )
         for cell in notebook["cells"]
@@ -348,12 +349,12 @@ def shown(notebook: dict[str, Any]) -> list[tuple[str, list[str], list[str]]]:
 
 
 @pytest.mark.heavy
-def test_the_notebook_runs_and_holds_what_it_shows(tmp_path: Path) -> None:
+def test_the_notebook_runs_and_stores_its_outputs_and_figures(tmp_path: Path) -> None:
     text = NOTEBOOK.read_text(encoding="utf-8")
     stored = json.loads(text)
-    made = run_path(str(ROOT / "docs" / "make_notebook.py"))
-    assert shown(made["run_notebook"](stored, tmp_path)) == shown(stored)
-    figures = made["figures"](stored)
+    script = run_path(str(ROOT / "docs" / "make_notebook.py"))
+    assert shown(script["run_notebook"](stored, tmp_path)) == shown(stored)
+    figures = script["figures"](stored)
     images = (ROOT / "docs" / "images").glob("notebook-*.png")
     assert figures == {image.name: image.read_bytes() for image in images}
     page = (ROOT / "docs" / "notebooks.md").read_text(encoding="utf-8")

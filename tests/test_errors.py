@@ -47,8 +47,8 @@ def unlucky() -> object:
 
 
 @pytest.mark.parametrize("call", [singular, no_road])
-def test_the_place_is_the_users_deepest_call(call: Callable[[], object]) -> None:
-    """Neither numpy's below it nor ours."""
+def test_the_place_of_an_error_is_the_users_deepest_call(call: Callable[[], object]) -> None:
+    """The place is neither in numpy nor in our code."""
     place = place_of(raised(lambda: call()))
     source = Path(__file__).read_text().splitlines()[line_of(call) - 1].strip()
     assert place == f"{HERE}:{line_of(call)}: {source}"
@@ -83,7 +83,7 @@ def test_a_file_is_named_from_where_it_is_imported(
     assert place_of(raised(steering.steer)).startswith(f"{tmp_path}/gearing/steering.py:2: "[-100:])
 
 
-def test_an_installed_driver_has_a_place_in_its_package(
+def test_an_error_in_an_installed_driver_has_a_place_in_its_package(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     packages = tmp_path / "site-packages"
@@ -103,14 +103,14 @@ def test_an_installed_driver_has_a_place_in_its_package(
 
 
 def _without_this_file(error: Exception):  # type: ignore[no-untyped-def]
-    """The traceback as it is where only we and the package are on the way."""
+    """Return the traceback without the frames of this file."""
     trace = error.__traceback__
     while trace is not None and trace.tb_frame.f_code.co_filename == __file__:
         trace = trace.tb_next
     return trace
 
 
-def test_an_error_without_a_call_of_the_users_has_no_place() -> None:
+def test_an_error_that_was_never_raised_has_no_place() -> None:
     error = ValueError("never raised")
     assert place_of(error) == ""
     assert describe_raised(error) == describe_error(error) == "ValueError: never raised"
@@ -130,7 +130,7 @@ def test_the_traceback_of_a_frenetic_error_shows_its_cause() -> None:
     assert traceback_of(DriverError("the driver returned nothing")) == ""
 
 
-def test_trouble_is_an_error_with_its_traceback_and_whose_fault_it_is() -> None:
+def test_trouble_has_reason_traceback_and_fault() -> None:
     def steer() -> None:
         raise ValueError("no lane ahead")
 

@@ -1,4 +1,4 @@
-"""Drivers with known faults: what Frenetic says of them, on the page that shows it."""
+"""Drivers with known faults: Frenetic names the cause, as the page on causes shows."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ HEAVY = {
     planted.Stops,
     planted.Unrepeatable,
 }
-"""Drivers whose searches take longest, or whose kind of fault a light test shows, too."""
+"""Drivers with long searches, or with a kind of fault that a light test covers, too."""
 SHARE = 0.6
 """Least share of the failures that have the planted cause."""
 
@@ -71,16 +71,17 @@ def test_the_planted_cause_is_named(driver: type[planted.Sound], tmp_path: Path)
     assert bool(summary.not_repeatable) is (driver is planted.Unrepeatable)
     if not CAUSES[driver]:
         return
-    most = max(clusters.causes, key=lambda one: one.failures)
+    most = max(clusters.causes, key=lambda cause: cause.failures)
     assert most.words.startswith(str(CAUSES[driver]).partition("{")[0])
     assert most.failures >= SHARE * summary.failed
-    ((_, found),) = minimise_causes(tmp_path, clusters.causes, campaign.tester, 50, 60.0)
-    assert isinstance(found, Minimised)
-    causes = [Failure.of_test(one) for one in (found.original, found.smallest)]
-    assert len({one.cause and one.cause.kind for one in causes if one}) == 1
-    before, after = found.shapes
+    ((_, minimised),) = minimise_causes(tmp_path, clusters.causes, campaign.tester, 50, 60.0)
+    assert isinstance(minimised, Minimised)
+    tests = (minimised.original, minimised.smallest)
+    failures = [failure for failure in map(Failure.of_test, tests) if failure]
+    assert len({failure.cause and failure.cause.kind for failure in failures}) == 1
+    before, after = minimised.shapes
     assert after.length < before.length
-    does = str(driver.__doc__).splitlines()[0].rstrip(".")
+    fault = str(driver.__doc__).splitlines()[0].rstrip(".")
     page = PAGE.read_text(encoding="utf-8").splitlines()
-    (row,) = (line for line in page if does[0].lower() + does[1:] in line)
+    (row,) = (line for line in page if fault[0].lower() + fault[1:] in line)
     assert row.startswith("| " + re.split(r"\{|,| ValueError", str(CAUSES[driver]))[0])

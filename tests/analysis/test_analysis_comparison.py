@@ -1,4 +1,4 @@
-"""Comparisons: measures against what the database says, statistics against hand-made cases."""
+"""Comparisons of campaigns that ran, and of made-up measures."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from made_campaigns import measures, search, store_of
+from sample_campaigns import measures, search, store_of
 
 from frenetic.analysis.comparison import (
     Comparison,
@@ -43,10 +43,10 @@ def comparison(repeats: Path) -> Comparison:
     return compare({name: sorted(repeats.glob(f"{name}-*")) for name in ("frenetic", "random")})
 
 
-# Two strategies, really run
+# Two strategies that ran
 
 
-def test_frenetic_finds_more_than_chance(comparison: Comparison) -> None:
+def test_frenetic_finds_more_failures_than_random_search(comparison: Comparison) -> None:
     (pair,) = comparison.by("failures").pairs
     assert (pair.first, pair.second, pair.repeats) == ("frenetic", "random", (5, 5))
     assert pair.a12 >= 0.8
@@ -74,7 +74,7 @@ def group(*failures: int) -> tuple[CampaignMeasures, ...]:
     return tuple(measures(number, first=5) for number in failures)
 
 
-def test_more_failures_are_better_and_a_later_first_one_is_worse() -> None:
+def test_more_failures_are_better_and_a_later_first_failure_is_worse() -> None:
     quick = tuple(measures(10 + i, first=2 + i) for i in range(5))
     slow = tuple(measures(1 + i, first=20 + i) for i in range(5))
     comparison = compare_measured({"quick": quick, "slow": slow})
@@ -83,19 +83,19 @@ def test_more_failures_are_better_and_a_later_first_one_is_worse() -> None:
         assert pair.a12 == 1.0
         assert pair.p == pytest.approx(2 / 252)
         assert pair.verdict == "the first is better"
-    turned = compare_measured({"slow": slow, "quick": quick})
-    (pair,) = turned.by("simulations_to_failure").pairs
+    reversed_groups = compare_measured({"slow": slow, "quick": quick})
+    (pair,) = reversed_groups.by("simulations_to_failure").pairs
     assert pair.a12 == 0.0
     assert pair.verdict == "the second is better"
-    by = turned.by("simulations_to_failure")
+    by = reversed_groups.by("simulations_to_failure")
     ((_, text, a12, *_),) = pair_rows([by])
-    assert (text, a12) == ("quick has less than slow", "1.00"), "of the group named first"
+    assert (text, a12) == ("quick has less than slow", "1.00"), "A12 of the first group"
     assert by.pair_text(pair) == "quick has less than slow"
     assert by.positions == {"slow": 2, "quick": 1}
 
 
 @pytest.mark.parametrize("repeats", [1, 4])
-def test_nothing_is_claimed_of_fewer_than_five_repeats(repeats: int) -> None:
+def test_fewer_than_five_repeats_give_no_verdict(repeats: int) -> None:
     by = compare_measured({"a": group(*range(50, 50 + repeats)), "b": group(*range(10))}).by(
         "failures"
     )
@@ -104,7 +104,7 @@ def test_nothing_is_claimed_of_fewer_than_five_repeats(repeats: int) -> None:
     assert by.pair_text(by.pairs[0]) == "a and b: too few repeats to tell"
 
 
-def test_several_groups_are_corrected_for_being_several() -> None:
+def test_p_values_are_corrected_for_the_number_of_groups() -> None:
     groups = {"a": group(9, 8, 7, 9, 8), "b": group(5, 4, 6, 5, 4), "c": group(5, 4, 6, 5, 3)}
     by = compare_measured(groups).by("failures")
     assert [(pair.first, pair.second) for pair in by.pairs] == [
@@ -120,7 +120,7 @@ def test_several_groups_are_corrected_for_being_several() -> None:
     assert by.worse_than("b") == by.worse_than("c") == ()
 
 
-def test_an_event_that_never_happened_is_worse_than_any_number() -> None:
+def test_no_failure_is_worse_than_any_number() -> None:
     some = tuple(measures(1, first=100, sparseness=10.0 * i, min_moobd=0.31) for i in range(5))
     never = tuple(measures(0) for _ in range(5))
     comparison = compare_measured({"never": never, "some": some})
@@ -131,15 +131,17 @@ def test_an_event_that_never_happened_is_worse_than_any_number() -> None:
         )
         assert comparison.by(name).text("never") == "none"
     assert comparison.by("competition_sparseness").text("some") == "20.0 (10.0 to 30.0)"
-    assert all(by.measure.name != "min_moobd" for by in comparison.measures)  # not all have it
+    assert all(
+        by.measure.name != "min_moobd" for by in comparison.measures
+    )  # some campaigns lack it
 
 
 def test_groups_are_ordered_by_median_then_by_mean_rank() -> None:
     by = compare_measured({"c": group(1, 2), "a": group(9, 7), "b": group(8, 7)}).by("failures")
-    # 9 8 7 7 2 1 have the ranks 1 2 3.5 3.5 5 6.
+    # The ranks of 9 8 7 7 2 1 are 1 2 3.5 3.5 5 6.
     assert by.positions == {"c": 3, "a": 1, "b": 2}
     assert by.order == ("a", "b", "c")
-    # The medians are 6 and 5 and 5, the mean ranks 6 and 4.67 and 5.67.
+    # The medians are 6, 5 and 5, the mean ranks 6, 4.67 and 5.67.
     groups = {"a": group(6, 6, 1), "b": group(5, 9, 5), "c": group(5, 8, 2)}
     by = compare_measured(groups).by("failures")
     assert by.order == ("a", "b", "c")
@@ -149,7 +151,7 @@ def test_groups_are_ordered_by_median_then_by_mean_rank() -> None:
 
 
 @pytest.mark.parametrize("groups", range(2, 9))
-def test_the_repeats_needed_are_the_fewest_with_which_a_difference_can_be_shown(
+def test_repeats_needed_is_the_least_number_that_can_show_a_difference(
     groups: int,
 ) -> None:
     def is_shown(repeats: int) -> bool:
@@ -161,10 +163,10 @@ def test_the_repeats_needed_are_the_fewest_with_which_a_difference_can_be_shown(
     assert not is_shown(needed - 1)
 
 
-# Which campaigns belong together
+# Groups of campaigns
 
 
-def test_campaigns_that_differ_in_the_seed_only_are_grouped_under_telling_names(
+def test_campaigns_that_differ_only_in_the_seed_are_grouped_under_their_strategy(
     repeats: Path,
 ) -> None:
     groups = group_campaigns(find_campaigns(repeats))
@@ -188,7 +190,7 @@ def tiny_campaign(folder: Path, name: str, seed: int = 1, **options: object) -> 
     return folder / name
 
 
-def test_names_say_what_differs_and_no_more(tmp_path: Path) -> None:
+def test_names_of_groups_say_only_their_differences(tmp_path: Path) -> None:
     folders = [
         tiny_campaign(tmp_path, "a"),
         tiny_campaign(tmp_path, "b", driver=Planner(aggression=0.5, braking=3.0)),
@@ -208,7 +210,7 @@ def test_names_say_what_differs_and_no_more(tmp_path: Path) -> None:
     assert list(group_campaigns(folders[:1])) == ["all"]
 
 
-def test_campaigns_are_found_in_a_folder_of_one_or_of_several(
+def test_find_campaigns_takes_a_campaign_or_a_folder_of_campaigns(
     repeats: Path, tmp_path: Path
 ) -> None:
     campaign = repeats / "random-1"
@@ -220,10 +222,10 @@ def test_campaigns_are_found_in_a_folder_of_one_or_of_several(
         find_campaigns(tmp_path / "nowhere")
 
 
-# What limits a comparison
+# Limits of a comparison
 
 
-def test_one_group_or_an_empty_one_is_refused(repeats: Path) -> None:
+def test_a_single_group_an_empty_group_and_repeated_campaigns_are_refused(repeats: Path) -> None:
     with pytest.raises(FreneticError, match="1 group of campaigns: at least two"):
         compare({"a": [repeats / "random-1", repeats / "random-2"]})
     with pytest.raises(FreneticError, match="group b has no campaigns"):
@@ -239,15 +241,15 @@ def test_one_group_or_an_empty_one_is_refused(repeats: Path) -> None:
 
 
 def test_campaigns_that_are_no_repeats_are_noted(tmp_path: Path) -> None:
-    first, same = tiny_campaign(tmp_path, "a"), tiny_campaign(tmp_path, "b")
+    first, repeat = tiny_campaign(tmp_path, "a"), tiny_campaign(tmp_path, "b")
     other = tiny_campaign(tmp_path, "c", driver=DummyDriver(), seed=2)
-    _, note = compare({"x": [first, same], "y": [other]}).notes
+    _, note = compare({"x": [first, repeat], "y": [other]}).notes
     assert note == "campaigns of x have the same seed: they are no repeats"
-    (note,) = compare({"x": [first, other], "y": [same]}).notes
+    (note,) = compare({"x": [first, other], "y": [repeat]}).notes
     assert note == "the campaigns of x are no repeats: they differ in driver"
 
 
-def test_groups_that_differ_in_more_than_one_thing_are_noted(tmp_path: Path) -> None:
+def test_groups_that_differ_in_several_parts_are_noted(tmp_path: Path) -> None:
     first = tiny_campaign(tmp_path, "a")
     other = tiny_campaign(
         tmp_path,
@@ -270,7 +272,7 @@ def test_campaigns_in_other_conditions_are_no_repeats(tmp_path: Path) -> None:
     assert compare({"x": [noisy], "y": [noisy_repeat]}).shared["conditions"] == "noise 0.2 m"
 
 
-def test_campaigns_of_other_lengths_or_without_an_end_are_noted(tmp_path: Path) -> None:
+def test_campaigns_of_different_lengths_and_unfinished_campaigns_are_noted(tmp_path: Path) -> None:
     first = tiny_campaign(tmp_path, "a")
     longer = tiny_campaign(tmp_path, "b", budget=Budget(simulations=4))
     notes = compare({"x": [first], "y": [longer]}).notes

@@ -1,3 +1,5 @@
+"""Distinct failures, their descriptions, and near misses."""
+
 from __future__ import annotations
 
 import math
@@ -10,8 +12,8 @@ import numpy.typing as npt
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from made_campaigns import search
-from made_drives import departing
+from sample_campaigns import search
+from sample_drives import departing
 
 from frenetic.analysis import Clusters, Failure, cluster_failures, nearest_misses, segments_of
 from frenetic.analysis import clusters as module
@@ -26,7 +28,7 @@ from frenetic.search import RandomSearch
 from frenetic.spec import Spec
 from frenetic.testing.dummies import DummyDriver, DummySimulator
 
-PLACE = 70.0
+PLACE = 70.0  # [m], of the departures
 STRAIGHT = [0.0] * 13
 LEFT = [0.0] * 5 + [0.05, 0.05, 0.05] + [0.0] * 5  # a left-hand bend around 60 m
 RIGHT = [-kappa for kappa in LEFT]
@@ -48,7 +50,7 @@ def failure(
 
 
 def family(curvatures: Sequence[float], side: Side, first: int, number: int = 8) -> list[Failure]:
-    """Failures of one shape with jitter: in the road, the speed and the way the car took."""
+    """Return failures on one shape of road, with jitter in road, speed and path."""
     rng = np.random.default_rng(first)
     return [
         failure(
@@ -75,7 +77,7 @@ def difference(first: Failure, second: Failure) -> float:
     return float(np.linalg.norm(first.vector() - second.vector()))
 
 
-# What is compared
+# Differences
 
 
 def test_difference_of_speeds_and_offsets_worked_out_by_hand() -> None:
@@ -90,8 +92,8 @@ def test_difference_of_speeds_and_offsets_worked_out_by_hand() -> None:
 
 def test_difference_of_roads_is_the_distance_of_their_points() -> None:
     base, bend = failure(STRAIGHT), failure([0.02] * 13)
-    # The point s m ahead on a circle of 50 m radius lies at 50 (sin(s/50), 1 - cos(s/50)), that on
-    # the straight at (s, 0).
+    # s m ahead, the point on a circle of 50 m radius is 50 (sin(s/50), 1 - cos(s/50)), the point on
+    # the straight (s, 0).
     s = np.arange(-30.0, 15.1, 2.5)
     away = np.hypot(50.0 * np.sin(s / 50.0) - s, 50.0 * (1.0 - np.cos(s / 50.0)))
     expected = math.sqrt((away**2).mean())
@@ -106,7 +108,7 @@ def test_moving_and_turning_a_road_makes_no_difference(x: float, y: float, headi
     assert difference(here, there) == pytest.approx(0.0, abs=1e-6)
 
 
-# Which are put together
+# Clusters
 
 
 def test_three_clearly_different_shapes_with_jitter_are_three_clusters() -> None:
@@ -116,17 +118,17 @@ def test_three_clearly_different_shapes_with_jitter_are_three_clusters() -> None
 
 
 @pytest.mark.parametrize("batch", [3000, 1])
-def test_failures_of_one_problem_differ_by_up_to_two_metres(
+def test_failures_of_one_cluster_differ_by_up_to_two_metres(
     batch: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(module, "BATCH", batch)
     base = failure(STRAIGHT)
     for metres, number in ((1.9, 1), (2.1, 2)):
-        other = replace(base, id=2, speeds=base.speeds + metres)
-        assert len(cluster_failures([base, other])) == number
+        faster = replace(base, id=2, speeds=base.speeds + metres)
+        assert len(cluster_failures([base, faster])) == number
 
 
-def test_a_failure_without_departure_is_another_problem() -> None:
+def test_a_failure_without_departure_has_its_own_cluster() -> None:
     stuck = replace(failure(STRAIGHT, "left"), side=None, id=2)
     clusters = cluster_failures([failure(STRAIGHT, "left", id=1), stuck])
     assert len(clusters) == 2
@@ -134,7 +136,7 @@ def test_a_failure_without_departure_is_another_problem() -> None:
     assert clusters.of(2).description.startswith("fails in its lane")
 
 
-def test_order_and_doubles_of_failures_do_not_matter() -> None:
+def test_clusters_depend_neither_on_order_nor_on_doubles() -> None:
     failures = three_families() + family([0.04] * 13, "right", 301, 5)
     expected = cluster_failures(failures)
     rng = np.random.default_rng(0)
@@ -146,14 +148,14 @@ def test_order_and_doubles_of_failures_do_not_matter() -> None:
         for failure in failures[:9]
         for k in range(4)
     ]
-    among = cluster_failures(failures + doubles)
-    assert len(among) == len(expected)
+    with_doubles = cluster_failures(failures + doubles)
+    assert len(with_doubles) == len(expected)
     for failure in failures[:9]:
         for k in range(4):
-            assert among.of(10 * failure.id + 1000 + k) is among.of(failure.id)
+            assert with_doubles.of(10 * failure.id + 1000 + k) is with_doubles.of(failure.id)
 
 
-def test_failures_beyond_a_batch_join_or_are_linked_in_turn(
+def test_clusters_do_not_depend_on_the_size_of_a_batch(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     failures = three_families()
@@ -179,14 +181,14 @@ def test_two_failures_with_the_same_id_are_refused() -> None:
         clusters.of(4)
 
 
-# What is said of them
+# Descriptions
 
 
-def test_clusters_come_most_severe_first_with_their_worst_and_their_typical_failure() -> None:
+def test_clusters_are_sorted_by_severity_and_name_their_worst_and_typical_failure() -> None:
     clusters = cluster_failures(
         [
             failure(LEFT, id=1, moobd=-1.0, speeds=(15.0, 10.0)),
-            failure(LEFT, id=2, moobd=-1.6, speeds=(15.4, 10.4)),  # between the two others
+            failure(LEFT, id=2, moobd=-1.6, speeds=(15.4, 10.4)),  # between failures 1 and 3
             failure(LEFT, id=3, moobd=-1.8, speeds=(16.0, 11.0)),
             failure(STRAIGHT, id=4, moobd=-2.5),
         ]
@@ -306,7 +308,7 @@ def test_an_unknown_id_has_no_cluster() -> None:
         ),
     ],
 )
-def test_description_says_what_happens(
+def test_a_description_names_side_bend_and_speed(
     curvatures: list[float], side: Side, speeds: tuple[float, float], phrase: str
 ) -> None:
     assert describe(failure(curvatures, side, speeds=speeds)) == phrase
@@ -328,17 +330,17 @@ def unfailing(tmp_path_factory: pytest.TempPathFactory) -> Path:
     )
 
 
-def test_nearest_misses_are_the_passing_tests_of_lowest_moobd_each_unlike_the_others(
+def test_nearest_misses_are_distinct_passing_tests_of_lowest_moobd(
     unfailing: Path,
 ) -> None:
     with CampaignStore.open(unfailing) as store:
-        near, all_of_them = nearest_misses(store), nearest_misses(store, number=1000)
+        near, all_misses = nearest_misses(store), nearest_misses(store, number=1000)
         passed = list(store.tests(Outcome.PASS, order_by="moobd"))
         assert store.counts().by_outcome[Outcome.FAIL] == 0
         assert len(near) == 5
         assert near[0].most_severe == passed[0].id
-        assert list(near) == list(all_of_them)[:5]
-        assert all_of_them.failures == len(passed)
+        assert list(near) == list(all_misses)[:5]
+        assert all_misses.failures == len(passed)
         moobds = {test.id: test.moobd or 0.0 for test in passed}
         for cluster in near:
             assert (
@@ -346,14 +348,14 @@ def test_nearest_misses_are_the_passing_tests_of_lowest_moobd_each_unlike_the_ot
                 == moobds[cluster.most_severe]
                 == min(moobds[test] for test in cluster.ids)
             )
-            # It is nearer than every test that is like none of the five.
-            others = set(moobds) - {test for cluster in near for test in cluster.ids}
-            assert all(cluster.moobd <= moobds[test] for test in others)
+            # It is nearer than every test that resembles none of the five.
+            unlike = set(moobds) - {test for cluster in near for test in cluster.ids}
+            assert all(cluster.moobd <= moobds[test] for test in unlike)
         listed = representative_failures(store, clusters=near)
         assert [test.id for test in listed] == [cluster.most_severe for cluster in near]
 
 
-def test_a_near_miss_is_described_by_the_edge_that_it_came_nearest_to(unfailing: Path) -> None:
+def test_a_near_miss_is_described_by_its_nearest_edge(unfailing: Path) -> None:
     with CampaignStore.open(unfailing) as store:
         for cluster in nearest_misses(store, number=1000):
             _, segment = next(
@@ -377,10 +379,10 @@ def test_more_passing_tests_are_read_until_there_are_enough_distinct_near_misses
         assert list(nearest_misses(store)) == list(expected)
 
 
-def test_the_mean_difference_joins_failures() -> None:
+def test_failures_join_a_cluster_by_their_mean_difference() -> None:
     base = failure(STRAIGHT)
-    # The mean square difference of the third from the first two is 3.8 m2, then 9 m2; the largest
-    # and the least difference would say the opposite.
+    # The mean square difference between the third failure and the first two is 3.8 m2, then 9 m2.
+    # The largest and the least difference would give the opposite clusters.
     for second, third, number in ((0.8, 2.3, 1), (1.9, 3.8, 2)):
-        others = [replace(base, id=i, speeds=base.speeds + v) for i, v in ((2, second), (3, third))]
-        assert len(cluster_failures([base, *others])) == number
+        faster = [replace(base, id=i, speeds=base.speeds + v) for i, v in ((2, second), (3, third))]
+        assert len(cluster_failures([base, *faster])) == number

@@ -1,3 +1,5 @@
+"""Bends of a road, and places described by them."""
+
 from __future__ import annotations
 
 import math
@@ -46,15 +48,15 @@ def test_a_bend_turns_ten_degrees_or_more(degrees: float, number: int) -> None:
     assert len(find_bends(np.array([0.0, 20.0]), kappa)) == number
 
 
-def test_a_gentle_turn_is_no_bend_however_far_it_turns() -> None:
+def test_a_radius_above_200_m_makes_no_bend_however_far_it_turns() -> None:
     assert find_bends(np.array([0.0, 400.0]), np.full(2, 0.0049)) == ()
 
 
 # Places in words
 
 
-def test_a_place_behind_a_bend_is_never_before_the_next_one() -> None:
-    # A left-hand bend of 15 m radius ends at 29.3 m; a right-hand one of 33 m starts at 41.7 m.
+def test_a_place_between_two_bends_is_behind_the_first() -> None:
+    # A left-hand bend of 15 m radius ends at 29.3 m; a right-hand bend of 33 m starts at 41.7 m.
     curvatures = np.array([0.0, 0.0, 1 / 15, 0.0, 0.0, -0.03, -0.03, 0.0])
     expected = {
         20.0: "in a left-hand bend of 15 m radius",
@@ -72,7 +74,7 @@ def test_a_place_behind_a_bend_is_never_before_the_next_one() -> None:
     st.sampled_from([2.0, 10.0, 25.0]),
     st.floats(0.0, 1.0),
 )
-def test_a_place_is_described_by_the_bend_in_which_it_lies_or_else_by_the_last_one(
+def test_a_place_is_described_by_its_bend_or_by_the_last_or_next_bend(
     curvatures: list[float], step: float, share: float
 ) -> None:
     line, place = np.array(curvatures), share * step * (len(curvatures) - 1)
@@ -90,7 +92,7 @@ def test_a_place_is_described_by_the_bend_in_which_it_lies_or_else_by_the_last_o
     assert re.match(rf"{pattern} {bend.side}-hand bend of {radius} m radius", text), text
 
 
-def test_a_bend_is_described_whole_however_long_it_is() -> None:
+def test_a_long_bend_is_described_by_its_least_radius() -> None:
     curvatures = np.array([0.0, 0.05, *[0.01] * 20, 0.0])
     text = "in a left-hand bend of 20 m radius"
     assert [place_text(curvatures, 10.0, place) for place in (60.0, 140.0)] == [

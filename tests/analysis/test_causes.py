@@ -1,4 +1,4 @@
-"""Causes of drives that no driver of ours makes: the rest is in `tests/test_planted.py`."""
+"""Causes of unusual drives; `tests/test_planted.py` tests causes of ordinary faults."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def test_a_cause_names_the_side_of_its_bends() -> None:
     assert kind_number(BEND, passed) == 0.0
 
 
-def test_a_driver_that_never_steers_holds_no_limit() -> None:
+def test_a_driver_that_never_steers_steers_too_little() -> None:
     class Idle:
         def reset(self, setup: DriveSetup) -> None:
             pass

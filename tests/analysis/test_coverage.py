@@ -88,7 +88,7 @@ def test_cells_counted_by_hand() -> None:
             bend_test(Outcome.PASS, 14.3, gust=-10.0),
             bend_test(Outcome.FAIL, 17.9, gust=-5.0, delay=0.05),
             bend_test(Outcome.FAIL, 18.1, gust=4.0, delay=0.2),
-            bend_test(Outcome.PASS, 70.0, delay=0.2),  # no gust is one of 0 m/s
+            bend_test(Outcome.PASS, 70.0, delay=0.2),  # without an entry, the gust is 0 m/s
             bend_test(Outcome.PASS, gust=10.0),
             bend_test(Outcome.PASS, 14.3, gust=11.0),
             bend_test(Outcome.FAIL, 14.3, gust=1.0, delay=0.3),
@@ -118,11 +118,11 @@ def test_cells_counted_by_hand() -> None:
     ]
     assert coverage.singles[0].shares == pytest.approx([0.25] * 4)
     assert coverage.singles[1].shares == pytest.approx([0.75] + [0.0625] * 4)
-    both = coverage.pairs[0]
-    assert both.axes == (gust, delay)
-    assert (both.count, both.driven, both.failed, both.never_reached) == (20, 4, 2, 16)
-    # As usual from -10 to -5 and from 5 to 10; once each in two of the others.
-    assert both.driven_share == pytest.approx(2 * 0.25 * 0.75 + 2 * 0.25 * 0.0625)
+    pair = coverage.pairs[0]
+    assert pair.axes == (gust, delay)
+    assert (pair.count, pair.driven, pair.failed, pair.never_reached) == (20, 4, 2, 16)
+    # Two cells with the usual delay, and two cells with another delay.
+    assert pair.driven_share == pytest.approx(2 * 0.25 * 0.75 + 2 * 0.25 * 0.0625)
     texts = [gap.as_text() for gap in coverage.gaps]
     missing = coverage.gaps[texts.index("gust -5 to 0 m/s with delay as usual")]
     assert missing.share == pytest.approx(0.25 * 0.75)
@@ -131,7 +131,7 @@ def test_cells_counted_by_hand() -> None:
         "gust": {"low": -5.0, "high": 0.0},
         "delay": {"low": None, "high": None},
     }
-    # What lies in a cell that was never reached is not named again.
+    # Gaps within a cell that was never reached are not named again.
     assert texts.count("delay 0.1 to 0.15 s") == 1
     assert sum("delay 0.1 to 0.15 s" in text for text in texts) == 1
     document = coverage.as_json()
@@ -221,7 +221,7 @@ def domains(draw: Any) -> Domain:
 
 @settings(max_examples=25, deadline=None)
 @given(domains(), st.integers(0, 60), st.integers(0, 2**31))
-def test_cells_add_up(domain: Domain, number: int, seed: int) -> None:
+def test_sums_of_cells_agree(domain: Domain, number: int, seed: int) -> None:
     rng = np.random.default_rng(seed)
     tests = [
         bend_test(
@@ -270,7 +270,7 @@ def test_cells_add_up(domain: Domain, number: int, seed: int) -> None:
                 assert ends[0] - 1e-9 <= amount <= ends[1] + 1e-9
 
 
-def test_a_drive_in_each_pair_of_cells_covers_all() -> None:
+def test_a_drive_in_each_pair_of_cells_covers_the_domain() -> None:
     domain = replace(GUSTY, conditions={"gust": GUSTY.conditions["gust"]})
     tests = [
         bend_test(Outcome.PASS, r, gust=g) for r in (15, 20, 30, 50, 99) for g in (-8, -3, 3, 8)

@@ -1,4 +1,4 @@
-"""A driver that breaks is a failing driver: in the search, among distinct failures, minimised."""
+"""A drive whose driver breaks fails: in the search, among distinct failures, in minimising."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from made_campaigns import search
+from sample_campaigns import search
 
 from frenetic.analysis import measure_campaign
 from frenetic.analysis.caution import caution
@@ -47,24 +47,24 @@ def searched(folder: Path, driver: Planner) -> CampaignStore:
 def test_a_line_that_raises_is_one_distinct_failure_and_comes_first(tmp_path: Path) -> None:
     with searched(tmp_path / "c", Brittle()) as store:
         clusters, counts = distinct_failures(store), store.counts()
-        raised = [test.id for test in store.tests(Outcome.FAIL) if test.result.fault]
+        raising = [test.id for test in store.tests(Outcome.FAIL) if test.result.fault]
         assert caution(store) == ""
     assert measure_campaign(tmp_path / "c").distinct_after[-1] == len(clusters)
     first, *others = clusters
-    assert (counts.errors, list(first.ids)) == (0, raised)
+    assert (counts.errors, list(first.ids)) == (0, raising)
     assert first.fault is not None
     assert first.description == f"raises ValueError at {first.fault.file}:{first.fault.line}"
-    assert others, "it leaves its lane, too"
+    assert others, "other failures leave the lane"
     assert all(cause.fault is None for cause in others)
     rare = replace(clusters, clusters=(*others, replace(first, ids=first.ids[:1])))
     cause, *causes = rare.causes
     assert cause.fault == first.fault
     assert max(cause.failures for cause in causes) > cause.failures == 1, (
-        "it is no matter of numbers"
+        "the fault comes first although it is rare"
     )
 
 
-def test_a_road_with_a_fault_is_minimised_while_the_same_line_raises() -> None:
+def test_minimising_a_fault_keeps_the_line_that_raises() -> None:
     road = Road([0.0, 0.02, 0.0, -0.03, -0.02, 0.0, 0.03, 0.065, 0.04, 0.0, -0.03, 0.0, 0.0])
     minimised = minimise(road, RoadTester(EmbeddedSimulator(), Brittle()))
     assert minimised.reason is FailureReason.DRIVER_BROKE
@@ -74,8 +74,8 @@ def test_a_road_with_a_fault_is_minimised_while_the_same_line_raises() -> None:
 
 
 @pytest.mark.parametrize("has_moobd", [True, False])
-def test_the_search_goes_on_from_the_first_fault_of_a_line_only(has_moobd: bool) -> None:
-    """Also where the process is lost, with all that was driven."""
+def test_only_the_first_fault_of_a_line_becomes_a_parent(has_moobd: bool) -> None:
+    """Without MOOBD, too: a process that ended loses its drive."""
     fault = Fault("driver", "ValueError", "mine.py", 41)
     strategy = Frenetic(seed=1, random_roads=5)
     parents: list[int] = []
@@ -102,12 +102,12 @@ def test_a_caution_warns_if_nearly_every_random_road_fails(tmp_path: Path) -> No
 def test_a_caution_says_how_little_passing_roads_prove(tmp_path: Path) -> None:
     with searched(tmp_path / "c", Planner(aggression=0.5)) as store:
         assert not store.by_outcome()[Outcome.FAIL]
-        said = re.fullmatch(
+        match = re.fullmatch(
             r"(\d+) random roads passed, so fewer than ([\d.]+) % of such roads fail, with 95 %"
             " confidence; rarer failures take more roads",
             caution(store),
         )
-    assert said is not None
-    driven, most = int(said[1]), float(said[2]) / 100.0
-    # So many roads would all pass once in twenty times if so large a share failed.
+    assert match is not None
+    driven, most = int(match[1]), float(match[2]) / 100.0
+    # If this share failed, all these roads would pass once in twenty times.
     assert (1.0 - most) ** driven == pytest.approx(0.05, abs=0.005)

@@ -1,3 +1,5 @@
+"""Features of failing segments."""
+
 from __future__ import annotations
 
 import math
@@ -6,7 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from made_drives import departing, drive
+from sample_drives import departing, drive
 
 from frenetic.analysis import FEATURES, Segment, features_of, segment_of
 from frenetic.road import Road
@@ -56,14 +58,14 @@ def test_features_of_a_drive_worked_out_by_hand() -> None:
         ((18.1,), 2),
         ((80.0,), 3),  # up to 18, 54 and 90
         ((-80.0,), 3),
-        ((40.0, -80.0), 3),  # -40 .. 40: one bin to either side of the middle one
+        ((40.0, -80.0), 3),  # -40 .. 40: the middle bin and its two neighbours
         ((170.0,), 6),
         ((340.0,), 10),
         ((700.0,), 10),
     ],
 )
 def test_direction_coverage_counts_36_degree_bins(degrees: tuple[float, ...], bins: int) -> None:
-    # Arcs of 100 m; the metre from one to the next turns by a tenth of a degree.
+    # Arcs of 100 m; the metre between two arcs turns by a tenth of a degree.
     values = np.repeat([math.radians(angle) / 100.0 for angle in degrees], 101)
     road = Road(values, step=1.0)
     assert features_of(whole(road))["direction_coverage"] == pytest.approx(bins / 10)
@@ -78,7 +80,7 @@ def test_direction_coverage_counts_36_degree_bins(degrees: tuple[float, ...], bi
         ("bends", range(12), (*range(10), 9, 9)),
     ],
 )
-def test_values_fall_into_bins_and_those_beyond_into_the_last(
+def test_values_beyond_the_bins_fall_into_the_last_bin(
     name: str, values: list[float], bins: list[int]
 ) -> None:
     assert [FEATURES[name].bin(value) for value in values] == list(bins)
@@ -92,5 +94,5 @@ def test_features_stay_within_their_bounds_and_mirroring_flips_offsets(values: l
     assert 0.1 <= left["direction_coverage"] <= 1.0
     assert 0.0 <= left["max_curvature"] <= max(map(abs, values))
     assert left["extreme_offset"] > 2.0
-    turned = {name: -left[name] for name in ("mean_offset", "extreme_offset")}
-    assert right == pytest.approx({**left, **turned}, abs=1e-6)
+    mirrored = {name: -left[name] for name in ("mean_offset", "extreme_offset")}
+    assert right == pytest.approx({**left, **mirrored}, abs=1e-6)

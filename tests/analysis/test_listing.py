@@ -1,9 +1,11 @@
+"""Lists of tests by outcome and feature."""
+
 from __future__ import annotations
 
 from pathlib import Path
 
 import pytest
-from made_campaigns import search
+from sample_campaigns import search
 
 from frenetic.analysis.features import features_of
 from frenetic.analysis.listing import list_tests
@@ -32,7 +34,7 @@ def drifting(tmp_path_factory: pytest.TempPathFactory) -> Path:
     )
 
 
-def test_severity_is_the_order_of_moobd(drifting: Path) -> None:
+def test_tests_are_sorted_by_moobd_or_order(drifting: Path) -> None:
     with CampaignStore.open(drifting) as store:
         records = [test for test, _ in list_tests(store)]
         by_moobd = list(store.tests(order_by="moobd"))
@@ -73,7 +75,7 @@ def test_unknown_names_and_reversed_ranges_are_refused(drifting: Path) -> None:
             list_tests(store, outcomes=["GONE"])
 
 
-def test_a_single_outcome_stands_for_a_list_of_it(drifting: Path) -> None:
+def test_a_single_outcome_equals_a_list_of_this_outcome(drifting: Path) -> None:
     with CampaignStore.open(drifting) as store:
         ids = [[test.id for test, _ in list_tests(store, outcomes=o)] for o in ("FAIL", ["FAIL"])]
     assert ids[0] == ids[1] != []

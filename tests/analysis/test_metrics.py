@@ -1,4 +1,4 @@
-"""Measures of a campaign, checked against its database and each measure's code."""
+"""Measures of a campaign, checked against its database."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from made_campaigns import search, store_of
+from sample_campaigns import search, store_of
 
 from frenetic.analysis.clusters import cluster_failures
 from frenetic.analysis.failures import failures_of
@@ -59,7 +59,7 @@ def test_measures_agree_with_the_database(searched: Path, measured: CampaignMeas
     assert (measured.seed, measured.is_finished) == (2, True)
 
 
-def test_refused_and_dropped_roads_are_no_simulations(tmp_path: Path) -> None:
+def test_refused_and_dropped_roads_do_not_count_as_simulations(tmp_path: Path) -> None:
     kinds = (Outcome.INVALID, Outcome.PASS, Outcome.DROPPED, Outcome.ERROR, Outcome.INVALID)
     measured = measure_campaign(store_of(tmp_path / "c", (*kinds, Outcome.FAIL)))
     assert measured.failures_after.tolist() == [0, 0, 0, 1]
@@ -69,7 +69,7 @@ def test_refused_and_dropped_roads_are_no_simulations(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("tests", [0, 3])
-def test_a_failure_that_never_happened_is_infinitely_late(tests: int, tmp_path: Path) -> None:
+def test_without_failures_the_first_failure_is_infinitely_late(tests: int, tmp_path: Path) -> None:
     measured = measure_campaign(store_of(tmp_path / "c", (Outcome.PASS,) * tests))
     values = {name: measure.of(measured) for name, measure in MEASURES.items()}
     assert values.pop("simulations_to_failure") == math.inf
@@ -80,7 +80,9 @@ def test_a_failure_that_never_happened_is_infinitely_late(tests: int, tmp_path: 
     assert MEASURES["simulations_to_failure"].text(math.inf) == "none"
 
 
-def test_curves_rise_with_what_is_new(searched: Path, measured: CampaignMeasures) -> None:
+def test_the_curve_of_distinct_failures_rises_with_each_new_cluster(
+    searched: Path, measured: CampaignMeasures
+) -> None:
     clusters_of: dict[int, int] = {}
     with CampaignStore.open(searched) as store:
         for place, cluster in enumerate(cluster_failures(failures_of(store))):
@@ -104,8 +106,8 @@ def test_cells_and_unlike_roads_count_failures(searched: Path, measured: Campaig
     assert measured.unlike_roads == unlike_lines([test.road.sample(5.0) for test in failures]) > 1
 
 
-def test_the_competitions_sparseness_equals_an_exported_folders(tmp_path: Path) -> None:
-    # Random roads: a repeated one would count in the folder, where every test is written.
+def test_the_competitions_sparseness_equals_that_of_an_exported_folder(tmp_path: Path) -> None:
+    # Random roads do not repeat; a repeated road would count twice in the folder.
     searched = search(tmp_path / "c", RandomSearch(seed=2), SIMULATIONS)
     measured = measure_campaign(searched)
     assert measured.failures > 2

@@ -1,3 +1,5 @@
+"""The competition's segment around a departure."""
+
 from __future__ import annotations
 
 import math
@@ -10,11 +12,11 @@ from frenetic.analysis import competition_segment
 from frenetic.road.validity import min_radius
 
 NORTH = [(0.0, 10.0 * k) for k in range(11)]
-"""100 m northwards; interpolated, the nodes are 0, 1 .. 100 m."""
+"""A road of 100 m northwards; its interpolated nodes are 0, 1 .. 100 m."""
 
 
 def circle(radius: float, degrees: float) -> FloatArray:
-    """Points every metre on an arc that begins northwards and turns left."""
+    """Return points every metre on an arc that begins northwards and turns left."""
     angle = np.arange(0.0, math.radians(degrees), 1.0 / radius)
     return radius * np.column_stack([np.cos(angle) - 1.0, np.sin(angle)])
 
@@ -22,11 +24,11 @@ def circle(radius: float, degrees: float) -> FloatArray:
 @pytest.mark.parametrize(
     ("place", "before", "after"),
     [
-        # The node near it is 51 m. Backwards, 21 m is 29.7 m away, 20 m too far; forwards from
-        # 51 m, 80 m is 29 m away, and 81 m, which is 30 m away, too far.
+        # The nearest node is at 51 m. Backwards, the node at 21 m is 29.7 m away, and 20 m is too
+        # far. Forwards from 51 m, the node at 80 m is 29 m away, and 81 m, 30 m away, is too far.
         (50.7, range(21, 51), range(51, 81)),
-        (50.5, range(21, 51), range(51, 81)),  # of two nodes near it the last
-        (50.2, range(21, 50), range(50, 80)),  # the last near it, 50 m, lies before it
+        (50.5, range(21, 51), range(51, 81)),  # the last of two nearest nodes
+        (50.2, range(21, 50), range(50, 80)),  # the nearest node, at 50 m, lies before the place
     ],
 )
 def test_segment_of_a_straight_worked_out_by_hand(
@@ -61,7 +63,7 @@ def test_four_points_are_enough_for_a_segment() -> None:
         ([NORTH[0], *NORTH], (0.0, 50.0)),  # a repeated point
     ],
 )
-def test_there_is_no_segment_where_the_competition_breaks(
+def test_there_is_no_segment_where_the_competitions_code_breaks(
     road: list[tuple[float, float]], position: tuple[float, float]
 ) -> None:
     assert competition_segment(road, position) is None

@@ -1,4 +1,4 @@
-"""A repeated road counts once in every measure: a campaign with repeats measures as one without."""
+"""A repeated road counts once: repeats do not change the measures of a campaign."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from made_campaigns import search
+from sample_campaigns import search
 
 from frenetic._support.arrays import FloatArray
 from frenetic.analysis import features_of, segments_of
@@ -69,24 +69,24 @@ def plain(tmp_path_factory: pytest.TempPathFactory, roads: list[FloatArray]) -> 
 
 @pytest.fixture(scope="module")
 def repeated(tmp_path_factory: pytest.TempPathFactory, roads: list[FloatArray]) -> Path:
-    """The same roads, then half of them again, and some of those once more."""
-    again = [*roads, *roads[::2], *roads[::10]]
-    return drive(tmp_path_factory.mktemp("repeated") / "c", again)
+    """A campaign of the roads, then every second of them again, then every tenth."""
+    repeated_roads = [*roads, *roads[::2], *roads[::10]]
+    return drive(tmp_path_factory.mktemp("repeated") / "c", repeated_roads)
 
 
 @pytest.fixture(scope="module")
 def mixed(tmp_path_factory: pytest.TempPathFactory, roads: list[FloatArray]) -> Path:
-    """The same roads, each third of them followed by one from before it."""
-    again = [
+    """A campaign of the roads, with an earlier road behind every third."""
+    mixed_roads = [
         road
         for i, now in enumerate(roads)
         for road in ((now, roads[i // 2]) if i % 3 == 0 else (now,))
     ]
-    return drive(tmp_path_factory.mktemp("mixed") / "c", again)
+    return drive(tmp_path_factory.mktemp("mixed") / "c", mixed_roads)
 
 
 def sizes(clusters: Clusters) -> list[tuple[Any, ...]]:
-    """Everything of distinct failures but the numbers of their tests."""
+    """Return the attributes of distinct failures, without the ids of their tests."""
     return [
         (
             len(cluster),
@@ -100,7 +100,7 @@ def sizes(clusters: Clusters) -> list[tuple[Any, ...]]:
     ]
 
 
-def test_a_campaign_with_repeats_has_the_measures_of_one_without(
+def test_repeats_do_not_change_the_measures_of_a_campaign(
     plain: Path, repeated: Path, mixed: Path
 ) -> None:
     expected = measure_campaign(plain)
@@ -111,7 +111,7 @@ def test_a_campaign_with_repeats_has_the_measures_of_one_without(
         assert measured.simulations > SIMULATIONS
         assert measured.counts.failed > measured.failures
         for name, measure in MEASURES.items():
-            if folder is repeated or name != "simulations_to_failure":  # which counts simulations
+            if folder is repeated or name != "simulations_to_failure":  # a repeat is a simulation
                 assert measure.of(measured) == measure.of(expected), name
 
 
@@ -183,9 +183,9 @@ def test_repeats_do_not_change_the_report(plain: Path, repeated: Path) -> None:
     curves = [timeline_of(reading.tests, reading.clusters) for reading in readings]
     assert curves[0] is not None
     assert curves[1] is not None
-    for line, its_twin in zip(curves[0].series[:2], curves[1].series[:2], strict=True):
-        assert line.y[-1] == its_twin.y[-1]
-        assert its_twin.x[-1] > line.x[-1]  # simulations stay what they are
+    for line, repeated_line in zip(curves[0].series[:2], curves[1].series[:2], strict=True):
+        assert line.y[-1] == repeated_line.y[-1]
+        assert repeated_line.x[-1] > line.x[-1]  # repeats count as simulations
     assert "random roads that were driven failed" in curves[0].caption
     assert curves[0].caption == curves[1].caption
 
@@ -198,7 +198,7 @@ def test_a_rerun_drives_each_failing_road_once(plain: Path, repeated: Path) -> N
     assert driven[0] == driven[1]
 
 
-def test_repeats_are_named_where_tests_are_counted(
+def test_counts_of_tests_name_the_repeats(
     plain: Path, repeated: Path, roads: list[FloatArray]
 ) -> None:
     with CampaignStore.open(plain) as store:

@@ -1,10 +1,12 @@
+"""Segments of drives around a departure."""
+
 from __future__ import annotations
 
 from pathlib import Path
 
 import numpy as np
 import pytest
-from made_drives import departure, drive
+from sample_drives import departure, drive
 
 from frenetic.analysis import segment_of, segments_of
 from frenetic.campaign import Budget, Campaign, CampaignStore
@@ -26,7 +28,7 @@ def test_segment_is_30_m_before_to_30_m_after_the_departure() -> None:
     assert segment.lateral_offset == pytest.approx([0.0, 0.2, 1.0, 4.0])
 
 
-def test_a_segment_without_departure_lies_where_the_car_was_furthest_off() -> None:
+def test_a_segment_without_departure_lies_at_the_largest_offset() -> None:
     places = np.arange(0.0, 91.0, 10.0).tolist()
     lane_drive = drive(STRAIGHT, places, [0.0, 0.1, 0.0, 0.0, 0.3, -1.5, 0.0, 0.0, 0.0, 0.0])
     segment = segment_of(STRAIGHT, lane_drive, None)
@@ -43,8 +45,8 @@ def test_segment_ends_with_the_road() -> None:
     assert (late.start, late.end) == (61.0, 100.0)
 
 
-def test_a_second_passage_does_not_count() -> None:
-    """A car that went through the stretch before, turned and came again, is seen once."""
+def test_an_earlier_passage_is_not_in_the_segment() -> None:
+    """A car may pass a stretch, turn and come back: the segment is its last passage."""
     places = [0.0, 25.0, 45.0, 25.0, 0.0, 25.0, 45.0]
     turning_drive = drive(STRAIGHT, places, [0.0] * 6 + [1.0])
     segment = segment_of(STRAIGHT, turning_drive, None)
@@ -66,9 +68,9 @@ def test_each_driven_test_of_a_campaign_has_a_segment(tmp_path: Path) -> None:
     ).run()
     with CampaignStore.open(tmp_path) as store:
         assert store.counts().by_outcome[Outcome.INVALID] > 0
-        both = list(segments_of(store))
+        segments = list(segments_of(store))
         failed = list(segments_of(store, Outcome.FAIL))
-    assert len(both) == 30
+    assert len(segments) == 30
     assert 0 < len(failed) < 30
     for record, segment in failed:
         assert record.departure is not None

@@ -1,3 +1,5 @@
+"""The competition's edit distance and sparseness, and unlike lines."""
+
 from __future__ import annotations
 
 import math
@@ -16,7 +18,7 @@ Steps = Sequence[tuple[float, float]]
 
 
 def line(steps: Steps, heading: float = 0.0) -> FloatArray:
-    """Points of a line whose steps turn by so many degrees and are so many metres long."""
+    """Return points of a line; each step has a turn in degrees and a length in m."""
     points = [(0.0, 0.0)]
     for turn, length in steps:
         heading += turn
@@ -31,12 +33,12 @@ def ahead(number: int) -> list[tuple[float, float]]:
 
 
 def edit_distance(first: FloatArray, second: FloatArray) -> float:
-    """Edits between two lines."""
+    """Return the edit distance of two lines."""
     return float(largest_distances([first, second])[0])
 
 
 def reference(first: FloatArray, second: FloatArray) -> float:
-    """The definition, letter by letter."""
+    """Return the edit distance by its definition."""
 
     def word(points: FloatArray) -> list[tuple[float, float]]:
         steps = np.diff(points, axis=0)
@@ -76,15 +78,15 @@ LINES = st.lists(
         (ahead(2), ahead(2), 0.0),
         # The second step turns by 90 degrees: replacing it costs (90/91 + 0) / 2.
         (ahead(2), [(0.0, 1.0), (90.0, 1.0)], 45.0 / 91.0),
-        # It is 3 m instead of 1 m long: (0 + 2/3) / 2.
+        # The second step is 3 m instead of 1 m long: (0 + 2/3) / 2.
         (ahead(2), [(0.0, 1.0), (0.0, 3.0)], 1.0 / 3.0),
         # Both at once: (90/91 + 2/3) / 2.
         (ahead(2), [(0.0, 1.0), (90.0, 3.0)], (90.0 / 91.0 + 2.0 / 3.0) / 2.0),
         # Three steps more: three insertions.
         (ahead(2), ahead(5), 3.0),
-        # Nearly the same is the same: 0.2 degrees and 0.1 m.
+        # Small differences cost nothing: 0.2 degrees and 0.1 m.
         (ahead(2), [(0.0, 1.0), (0.2, 1.1)], 0.0),
-        # But not if one of both differs more: (0.2/1.2 + 0.25/1.25) / 2.
+        # A small difference costs if the other is large: (0.2/1.2 + 0.25/1.25) / 2.
         (ahead(2), [(0.0, 1.0), (0.2, 1.25)], (0.2 / 1.2 + 0.25 / 1.25) / 2.0),
         # 170 degrees to the left and to the right differ by 20: (20/21) / 2.
         ([(0.0, 1.0), (170.0, 1.0)], [(0.0, 1.0), (-170.0, 1.0)], 10.0 / 21.0),
@@ -100,7 +102,7 @@ LINES = st.lists(
 )
 def test_edit_distance_worked_out_by_hand(first: Steps, second: Steps, edits: float) -> None:
     assert edit_distance(line(first), line(second)) == pytest.approx(edits, abs=1e-9)
-    # The first turn is 0 whatever the direction in which a line begins.
+    # The first turn is 0, in whichever direction a line begins.
     assert edit_distance(line(first, 33.0), line(second, -170.0)) == pytest.approx(edits, abs=1e-9)
 
 
@@ -110,7 +112,7 @@ def test_edit_distance_follows_the_definition(first: FloatArray, second: FloatAr
     assert edit_distance(first, second) == pytest.approx(reference(first, second), abs=1e-6)
 
 
-# A straight of two steps, one that turns, a straight of four.
+# A straight line of two steps, a line that turns, a straight line of four steps.
 A, B, C = line(ahead(2)), line([(0.0, 1.0), (90.0, 1.0)]), line(ahead(4))
 AB, AC, BC = 45.0 / 91.0, 2.0, 2.0 + 45.0 / 91.0
 

@@ -1,4 +1,4 @@
-"""Statistics against scipy, against brute force and, where it has none, published cases."""
+"""Statistics, compared with scipy, brute force and published cases."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def test_quartiles_agree_with_numpy(values: list[float]) -> None:
 
 
 @pytest.mark.parametrize(
-    ("ask", "words"),
+    ("call", "words"),
     [
         (lambda: quartiles([]), "numbers in a row"),
         (lambda: quartiles([1.0, math.nan]), "numbers in a row"),
@@ -57,9 +57,9 @@ def test_quartiles_agree_with_numpy(values: list[float]) -> None:
         (lambda: spearman([1.0, 1.0, 1.0], [1.0, 2.0, 3.0]), "that vary"),
     ],
 )
-def test_invalid_samples_are_refused(ask: Callable[[], object], words: str) -> None:
+def test_invalid_samples_are_refused(call: Callable[[], object], words: str) -> None:
     with pytest.raises(ValueError, match=words):
-        ask()
+        call()
 
 
 @given(st.integers(1, 60).flatmap(lambda n: st.tuples(st.integers(0, n), st.just(n))))
@@ -75,7 +75,7 @@ def test_interval_agrees_with_scipy(case: tuple[int, int]) -> None:
 
 
 def table(both: int, first: int, second: int, neither: int) -> tuple[list[int], list[int]]:
-    """Pairs of 0 and 1, by how many there are of each kind."""
+    """Return pairs of 0 and 1, this many of each kind."""
     x = [1] * (both + first) + [0] * (second + neither)
     y = [1] * both + [0] * first + [1] * second + [0] * neither
     return x, y
@@ -84,10 +84,9 @@ def table(both: int, first: int, second: int, neither: int) -> tuple[list[int], 
 @pytest.mark.parametrize(
     ("counts", "expected"),
     [
-        # As the R package contingencytables of Fagerland, Lydersen and Laake has it, turned.
+        # R package contingencytables of Fagerland, Lydersen and Laake, with the sides exchanged.
         ((59, 6, 16, 80), (0.0621, 0.0046, 0.1186)),
-        # Of the airway hyper-responsiveness of Bentur et al. (2009), in their Statistics in
-        # Medicine 33 (2014).
+        # The same authors in Statistics in Medicine 33 (2014), with data of Bentur et al. (2009).
         ((1, 1, 7, 12), (0.286, 0.026, 0.507)),
         # Altman et al., "Statistics with confidence" (2000), table 6.2.
         ((14, 5, 0, 22), (-0.122, -0.226, -0.011)),
@@ -138,8 +137,8 @@ def test_magnitudes_begin_at_the_thresholds_in_both_directions() -> None:
 # mann_whitney
 
 
-def by_dealing(x: list[float], y: list[float]) -> float:
-    """The exact p, by dealing all values in all ways."""
+def exact_p_value(x: list[float], y: list[float]) -> float:
+    """Return the exact p-value, from all ways to divide the values."""
     ranks = stats.rankdata(x + y)
     n, total = len(x), len(ranks)
     mean = n * (total + 1) / 2.0
@@ -150,18 +149,18 @@ def by_dealing(x: list[float], y: list[float]) -> float:
 
 @given(few, few)
 def test_mann_whitney_is_exact_with_ties(x: list[float], y: list[float]) -> None:
-    assert mann_whitney(x, y) == pytest.approx(by_dealing(x, y), abs=1e-9)
+    assert mann_whitney(x, y) == pytest.approx(exact_p_value(x, y), abs=1e-9)
 
 
-def test_mann_whitney_of_many_values_joins_the_exact_one_smoothly() -> None:
+def test_the_approximation_for_many_values_is_close_to_the_exact_p_value() -> None:
     rng = np.random.default_rng(5)
     x, y = rng.normal(0.0, 1.0, 40), rng.normal(0.2, 1.0, 41)
     assert len(x) + len(y) > MOST_EXACT
     exact = stats.mannwhitneyu(x, y, method="exact").pvalue
     assert exact > 0.01
     assert mann_whitney(x, y) == pytest.approx(exact, rel=0.1)
-    ours = mann_whitney(x[:39], y)
-    assert ours == pytest.approx(stats.mannwhitneyu(x[:39], y, method="exact").pvalue, abs=1e-9)
+    p = mann_whitney(x[:39], y)
+    assert p == pytest.approx(stats.mannwhitneyu(x[:39], y, method="exact").pvalue, abs=1e-9)
 
 
 @pytest.mark.parametrize("n", [4, 50])
@@ -195,7 +194,7 @@ def test_spearman_agrees_with_scipy(n: int, seed: int) -> None:
 
 
 def test_holm_by_hand() -> None:
-    # 3 * 0.01; then 2 * 0.03; 0.04 itself is less than that, so it is raised to it.
+    # 3 * 0.01, then 2 * 0.03; 0.04 is less than 0.06 and is raised to 0.06.
     assert holm([0.04, 0.01, 0.03]) == pytest.approx([0.06, 0.03, 0.06])
     assert holm([0.9, 0.8]) == [1.0, 1.0]
 

@@ -1,4 +1,4 @@
-"""The core without its plug-ins, and a stranger's package beside it."""
+"""The core without its plug-ins, and with a third party's package."""
 
 from __future__ import annotations
 
@@ -57,20 +57,20 @@ LINES = (
     ids="-".join,
 )
 def test_the_core_works_without_a_plug_in(gone: tuple[str, ...], tmp_path: Path) -> None:
-    """With all of them away it drives; each alone is missed by nothing that is imported."""
+    """Without any plug-in, campaigns run; without a single plug-in, all imports succeed."""
     names, lines = (
         tuple(f"frenetic.plugins.{name}" for name in gone),
         LINES if gone is PLUGINS else HELP,
     )
     code = WITHOUT.format(gone=names, lines=lines)
     command = [sys.executable, "-c", code]
-    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stderr
+    process = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert process.returncode == 0, process.stderr
     assert (tmp_path / "first" / "report.html").is_file() is (gone is PLUGINS)
 
 
 def wheel_of(package: Path, folder: Path) -> Path:
-    """A wheel of a package of Python files and its ``entry_points.txt``."""
+    """Write a wheel of a package of Python files and its ``entry_points.txt``; return its path."""
     wheel = folder / "lane_lab-1.0-py3-none-any.whl"
     info = "lane_lab-1.0.dist-info"
     with zipfile.ZipFile(wheel, "w") as archive:
@@ -89,7 +89,7 @@ def wheel_of(package: Path, folder: Path) -> Path:
 
 @pytest.fixture(scope="module")
 def installed(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Folder into which pip has installed the stranger's package."""
+    """Folder in which pip installed the third party's package."""
     folder = tmp_path_factory.mktemp("stranger")
     wheel = wheel_of(STRANGER, folder)
     pip = [sys.executable, "-m", "pip", "install", "--quiet", "--no-deps", "--no-index"]
@@ -97,7 +97,7 @@ def installed(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder / "site"
 
 
-BESIDE = """
+COMMANDS = """
 from frenetic.cli import main
 
 for line in {lines!r}:
@@ -109,22 +109,22 @@ for line in {lines!r}:
 """
 
 
-def test_a_strangers_parts_work_like_the_built_in_ones(installed: Path, tmp_path: Path) -> None:
+def test_a_third_partys_parts_work_like_built_in_parts(installed: Path, tmp_path: Path) -> None:
     parts = "--driver hasty,speed=60 --strategy zigzag --simulator rails --with wind=0.2"
     search = f"run {parts} --simulations 6 --seed 1 --workers 2 --out night"
-    again = "rerun night --all --workers 1 --json"
-    varied, calm = f"{again} --vary wind=0.1:0.3 --times 2", f"{again} --with wind=0"
+    rerun = "rerun night --all --workers 1 --json"
+    varied, calm = f"{rerun} --vary wind=0.1:0.3 --times 2", f"{rerun} --with wind=0"
     lines = ("list", search, "--help", "count night", varied, calm)
-    done = subprocess.run(
-        [sys.executable, "-c", BESIDE.format(lines=lines)],
+    process = subprocess.run(
+        [sys.executable, "-c", COMMANDS.format(lines=lines)],
         cwd=tmp_path,
         env={**os.environ, "PYTHONPATH": str(installed)},
         capture_output=True,
         text=True,
         check=False,
     )
-    assert done.returncode == 0, done.stderr
-    listed, _, helped, counted, *reruns, _ = done.stdout.split(f"{'-' * 20}\n")
+    assert process.returncode == 0, process.stderr
+    listed, _, helped, counted, *reruns, _ = process.stdout.split(f"{'-' * 20}\n")
     for words in (["hasty", "lane-lab"], ["zigzag", "lane-lab"], ["rails", "lane-lab"], ["wind"]):
         assert any(line.split()[: len(words)] == words for line in listed.splitlines()), words
     report = (tmp_path / "night" / "report.html").read_text("utf-8")

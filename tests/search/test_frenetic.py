@@ -1,4 +1,4 @@
-"""Our search: what it makes of drives, and what it refuses."""
+"""The strategy `frenetic`: its archive, operators, refusals and foresight."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ from frenetic.search.variation import OPERATORS, PARAMETERS, draw_child, vary
 
 
 def drive(candidate: Candidate, moobd: float, place: float, spent: float = 0.5) -> Evaluation:
-    """A drive along the whole road, furthest to the left at the place; it failed below -1.5 m."""
+    """Return a drive that is furthest to the left at a place; below -1.5 m it failed."""
     length = (len(candidate.curvatures) - 1) * candidate.step
     along = np.linspace(0.0, length, 200)
     offset = (2.0 - moobd) * np.exp(-(((along - place) / 8.0) ** 2))
@@ -55,23 +55,23 @@ def _curvature(candidate: Candidate, along: FloatArray) -> FloatArray:
     return curvatures
 
 
-def searched(search: Frenetic, tests: int, fails: bool = True) -> list[Candidate]:
-    """Asks and tells: the sharper a road somewhere, the worse it is driven there."""
-    asked = []
+def run_search(search: Frenetic, tests: int, fails: bool = True) -> list[Candidate]:
+    """Run a search in which drives are worst at the sharpest place; return the candidates."""
+    candidates = []
     for _ in range(tests):
         candidate = search.ask()
-        asked.append(candidate)
+        candidates.append(candidate)
         sharpest = int(np.argmax(np.abs(candidate.curvatures)))
         moobd = 1.5 - 60.0 * abs(candidate.curvatures[sharpest])
         search.tell(drive(candidate, moobd if fails else moobd + 3.5, sharpest * candidate.step))
-    return asked
+    return candidates
 
 
 def test_thirty_random_roads_come_first_and_fewer_in_a_short_budget() -> None:
-    asked = searched(Frenetic(seed=1, random_budget=1.0), 60)
-    first = [candidate.origin.operator for candidate in asked]
-    assert first[:30] == ["random"] * 30
-    assert set(first[30:]) & set(OPERATORS)
+    candidates = run_search(Frenetic(seed=1, random_budget=1.0), 60)
+    operators = [candidate.origin.operator for candidate in candidates]
+    assert operators[:30] == ["random"] * 30
+    assert set(operators[30:]) & set(OPERATORS)
 
     brief = Frenetic(seed=1, random_budget=0.2)
     for count in range(1, 21):
@@ -80,7 +80,7 @@ def test_thirty_random_roads_come_first_and_fewer_in_a_short_budget() -> None:
         brief.tell(drive(candidate, -1.0, 50.0, spent=count / 20))
 
 
-def test_roads_that_are_out_count_among_the_first_ones() -> None:
+def test_outstanding_roads_count_among_the_first_random_roads() -> None:
     for budget, least, most in ((1.0, 30, 32), (0.2, 20, 22)):
         search = Frenetic(seed=1, random_budget=budget)
         out: list[Candidate] = []
@@ -90,10 +90,10 @@ def test_roads_that_are_out_count_among_the_first_ones() -> None:
                 out.append(search.ask())
                 first += out[-1].origin.operator == "random"
             search.tell(drive(out.pop(0), -1.0, 50.0, spent=count / 100))
-        assert least <= first <= most + 4  # and one in twenty of the others
+        assert least <= first <= most + 4  # one in twenty of later roads is random, too
 
 
-def test_a_child_avoids_the_failures_that_those_out_are_expected_to_be() -> None:
+def test_a_child_avoids_the_failures_expected_of_outstanding_roads() -> None:
     archive = Archive()
     candidate = Frenetic(seed=1).ask()
     (place, *_) = critical_places(drive(candidate, -2.0, 120.0), candidate, -2.0)
@@ -110,16 +110,16 @@ def test_a_child_avoids_the_failures_that_those_out_are_expected_to_be() -> None
     assert len(archive.failures(RIGHT)) == 98
 
 
-def test_it_says_that_no_road_comes_near_failing() -> None:
+def test_a_notice_says_that_no_road_comes_close_to_failing() -> None:
     search = Frenetic(seed=1)
     assert search.notice is None
-    searched(search, 40, fails=False)
+    run_search(search, 40, fails=False)
     assert "nothing close to failing" in (search.notice or "")
     search.tell(drive(search.ask(), -2.0, 50.0))
     assert search.notice is None
 
 
-def test_a_place_in_the_archive_has_the_approach_that_analysis_computes() -> None:
+def test_archive_and_analysis_compute_the_same_approach() -> None:
     curvatures = random_curvatures(np.random.default_rng(4), 25)
     candidate = Candidate(1, curvatures, 10.0, Frenetic(seed=1).ask().origin)
     (place, *_) = critical_places(evaluation := drive(candidate, -2.0, 120.0), candidate, -2.0)
@@ -137,7 +137,7 @@ def test_a_place_in_the_archive_has_the_approach_that_analysis_computes() -> Non
         np.testing.assert_allclose(laid, expected, atol=1e-9)
 
 
-def test_a_second_peak_is_a_place_if_it_is_apart() -> None:
+def test_a_distant_second_peak_is_a_second_place() -> None:
     candidate = Frenetic(seed=1).ask()
     along = np.linspace(0.0, 150.0, 300)
     offset = 2.5 * np.exp(-(((along - 40.0) / 5.0) ** 2)) - np.exp(-(((along - 100.0) / 5.0) ** 2))
@@ -166,12 +166,12 @@ def test_the_archive_knows_the_nearest_failure_of_each_side() -> None:
         assert archive.add(candidate, place) == pytest.approx(min([4.0, *distances]))
         places.append(place)
     for row, place in enumerate(places):
-        others = [
-            math.dist(other.vector, place.vector)
-            for other in places
-            if other.has_failed and other.side == place.side and other is not place
+        distances = [
+            math.dist(failure.vector, place.vector)
+            for failure in places
+            if failure.has_failed and failure.side == place.side and failure is not place
         ]
-        assert math.sqrt(archive.squares[row]) == pytest.approx(min([4.0, *others]))
+        assert math.sqrt(archive.squares[row]) == pytest.approx(min([4.0, *distances]))
 
 
 @pytest.mark.parametrize("operator", range(len(OPERATORS)), ids=OPERATORS)
@@ -193,13 +193,14 @@ def test_an_operator_makes_another_road_within_the_bound(operator: int) -> None:
     assert changed > 0.8 * drawn > 40
 
 
-def test_a_child_that_would_fail_as_known_is_refused() -> None:
+def test_a_child_that_would_repeat_a_known_failure_is_refused() -> None:
     rng = np.random.default_rng(1)
     parent = random_curvatures(rng, 25)
     candidate = Candidate(1, parent, 10.0, Frenetic(seed=1).ask().origin)
     vector = critical_places(drive(candidate, -2.0, 120.0), candidate, -2.0)[0].vector
 
-    def drawn(known: FloatArray, same: float) -> int:
+    def draw(known: FloatArray, same: float) -> int:
+        """Return the number of the first accepted draw, or -1."""
         draws = 30
         return draw_child(
             np.full(draws, OPERATORS.index("shift")),
@@ -223,12 +224,12 @@ def test_a_child_that_would_fail_as_known_is_refused() -> None:
         )[0]
 
     known = vector[np.newaxis]
-    assert drawn(known[:0], 2.0) == 0
-    assert drawn(known, 0.05) >= 0
-    assert drawn(known, 50.0) == -1
+    assert draw(known[:0], 2.0) == 0
+    assert draw(known, 0.05) >= 0
+    assert draw(known, 50.0) == -1
 
 
-def test_a_fresh_road_keeps_what_leads_to_the_place() -> None:
+def test_a_fresh_road_keeps_the_run_up_to_the_place() -> None:
     parent = random_curvatures(np.random.default_rng(1), 30)
     u = np.random.default_rng(2).random((1, PARAMETERS + 80))
     child, none = np.empty(40), np.empty((0, SIZE))
@@ -256,17 +257,17 @@ def test_a_fresh_road_keeps_what_leads_to_the_place() -> None:
         )
         assert (k, n, moved) == (0, 30, 0)
         if not run_up:
-            changed = child[:n].copy()  # around the place
+            changed = child[:n].copy()  # with run_up 0 the child changes around the place
             np.testing.assert_array_equal(changed[:18], parent[:18])
-    # From 60 m before the place at 180 m to 20 m after it, and all else is new.
+    # The second child keeps the values from 60 m before the place at 180 m to 20 m behind it.
     np.testing.assert_array_equal(child[12:21], changed[12:21])
     assert not np.isin(child[:12], parent).any()
     assert not np.isin(child[21:30], parent).any()
     assert np.abs(np.diff(child[:12])).max() <= 0.05
 
 
-class Seer:
-    """Foresight that knows which roads fail, or takes them for the others."""
+class ScriptedForesight:
+    """Foresight that is always right, or always wrong, about which roads fail."""
 
     def __init__(self, *, is_right: bool) -> None:
         self.is_ready, self.is_right = False, is_right
@@ -279,38 +280,39 @@ class Seer:
 
     def foresee(self, candidate: Candidate) -> Evaluation | None:
         self.asked += 1
-        return drive(candidate, *self.fate(candidate, is_right=self.is_right))
+        return drive(candidate, *self.result_of(candidate, is_right=self.is_right))
 
     def facts(self) -> dict[str, str]:
-        return {"twin": "a seer"}
+        return {"twin": "scripted"}
 
     @staticmethod
-    def fate(candidate: Candidate, *, is_right: bool = True) -> tuple[float, float]:
-        """MOOBD and place: half of all roads fail."""
+    def result_of(candidate: Candidate, *, is_right: bool = True) -> tuple[float, float]:
+        """Return MOOBD and place; half of all roads fail."""
         fails = (round(abs(float(candidate.curvatures[0])) * 1e6) % 2 == 0) == is_right
         return (-2.0 if fails else 1.0), 120.0
 
 
 @pytest.mark.parametrize("is_right", [True, False])
-def test_foresight_chooses_as_often_as_it_is_right(*, is_right: bool) -> None:
-    seer = Seer(is_right=is_right)
-    search = Frenetic(seed=4, foresight=seer)
+def test_foresight_is_used_more_often_if_it_is_right(*, is_right: bool) -> None:
+    foresight = ScriptedForesight(is_right=is_right)
+    search = Frenetic(seed=4, foresight=foresight)
     tells = 0
     for _ in range(200):
         candidate = search.ask()
-        search.tell(drive(candidate, *Seer.fate(candidate)))
+        search.tell(drive(candidate, *ScriptedForesight.result_of(candidate)))
         tells += 1
     facts = dict(search.facts())
-    assert seer.learnt == tells
-    assert facts["twin"] == "a seer"
-    chosen, others = facts["children with foresight"], facts["children without foresight"]
-    assert chosen + others < 200
+    assert foresight.learnt == tells
+    assert facts["twin"] == "scripted"
+    foreseen = facts["children with foresight"]
+    unforeseen = facts["children without foresight"]
+    assert foreseen + unforeseen < 200
     if is_right:
-        assert chosen > 2 * others
-        assert facts["new failures with foresight"] > 0.5 * chosen
+        assert foreseen > 2 * unforeseen
+        assert facts["new failures with foresight"] > 0.5 * foreseen
     else:
-        assert chosen < others
-    assert seer.asked >= chosen
+        assert foreseen < unforeseen
+    assert foresight.asked >= foreseen
 
 
 def test_likely_children_fail_more_often() -> None:
@@ -320,7 +322,7 @@ def test_likely_children_fail_more_often() -> None:
         failed[likely] = 0
         for _ in range(300):
             candidate = search.ask()
-            # What bends to the left before the place fails.
+            # Roads that bend to the left before the place fail.
             fails = float(candidate.curvatures[8:13].mean()) > 0.012
             search.tell(drive(candidate, -2.0 if fails else 0.5, 120.0))
             failed[likely] += fails
@@ -347,7 +349,7 @@ def test_the_speed_model_learns_a_driver() -> None:
     assert np.sqrt(np.mean((predicted - truth) ** 2)) < 0.7 * np.std(truth)
 
 
-def test_near_at_a_place_is_near_once_the_road_is_laid_there() -> None:
+def test_is_near_at_agrees_with_laying_the_road_at_the_place() -> None:
     rng = np.random.default_rng(6)
     curvatures = random_curvatures(rng, 25)
     known = rng.normal(0.0, 0.2, (50, SIZE))
@@ -367,8 +369,8 @@ def test_near_at_a_place_is_near_once_the_road_is_laid_there() -> None:
 
 
 def test_no_road_is_proposed_twice_and_all_lie_within_the_bound() -> None:
-    asked = searched(Frenetic(seed=2), 150)
-    assert len({candidate.curvatures.tobytes() for candidate in asked}) == 150
-    assert all(np.abs(candidate.curvatures).max() <= CURVATURE_BOUND for candidate in asked)
-    assert {len(candidate.curvatures) for candidate in asked} <= set(range(5, 41))
+    candidates = run_search(Frenetic(seed=2), 150)
+    assert len({candidate.curvatures.tobytes() for candidate in candidates}) == 150
+    assert all(np.abs(candidate.curvatures).max() <= CURVATURE_BOUND for candidate in candidates)
+    assert {len(candidate.curvatures) for candidate in candidates} <= set(range(5, 41))
     assert BEHIND == 30.0

@@ -1,4 +1,4 @@
-"""Frenetic 2021 is Listing 1: candidate for candidate, it is a plain twin of the listing."""
+"""Frenetic 2021 proposes the same candidates as a plain implementation of Listing 1."""
 
 from __future__ import annotations
 
@@ -25,13 +25,13 @@ PAPER = MutationOptions(0.07, 0.05, 1, 5, 1.1, 1.2)
 """Values of Section I-B of the paper."""
 
 
-# The operators of Listing 1 once more, on one value after the other.
+# The operators of Listing 1, implemented value by value.
 
 
 def continued(
     rng: np.random.Generator, values: list[float], n: int, options: MutationOptions
 ) -> FloatArray:
-    """Values and n more, each uniform within the bound and the largest change from the last one."""
+    """Append n values, uniform within the bound and the largest change from the value before."""
     for u in rng.random(n).tolist():
         values = [*values, following(values[-1] if values else 0.0, u, options)]
     return np.array(values)
@@ -40,7 +40,7 @@ def continued(
 def following(previous: float, u: float, options: MutationOptions) -> float:
     low = max(previous - options.max_change, -options.bound)
     high = min(previous + options.max_change, options.bound)
-    if low > high:  # it was scaled: the nearest end of the bound
+    if low > high:  # P6 scaled the value beyond the bound: take the bound's nearest end
         return math.copysign(options.bound, previous)
     return low + u * (high - low)
 
@@ -48,7 +48,7 @@ def following(previous: float, u: float, options: MutationOptions) -> float:
 def mutant(
     rng: np.random.Generator, name: str, road: FloatArray, options: MutationOptions
 ) -> FloatArray | None:
-    """P1 .. P6 of a road that passed; None where none can be removed."""
+    """Return a mutant, P1 .. P6, of a road that passed; None if it is too short to lose values."""
     if name == "P6":
         return road * rng.uniform(options.min_scale, options.max_scale)
     n, count = len(road), int(rng.integers(options.min_changed, options.max_changed + 1))
@@ -68,7 +68,7 @@ def mutant(
 
 
 def varied(road: FloatArray) -> dict[str, FloatArray]:
-    """F1 .. F4 of a road that failed."""
+    """Return F1 .. F4 of a road that failed."""
     half = len(road) // 2
     return {
         "F1": -road[::-1],
@@ -80,7 +80,7 @@ def varied(road: FloatArray) -> dict[str, FloatArray]:
 
 @dataclass
 class Row:
-    """A row of the table that the paper keeps."""
+    """A row of the paper's table."""
 
     id: int
     curvatures: FloatArray
@@ -95,7 +95,7 @@ class Row:
 
 @dataclass
 class Twin:
-    """Listing 1 of the paper: it looks through the table of all roads each time."""
+    """Listing 1 of the paper; each step looks through the table of all roads."""
 
     seed: int
     random_budget: float = 0.2  # ours
@@ -180,7 +180,7 @@ class Twin:
         return "C2", parents, [np.array(values) for values in joined]
 
     def below(self) -> list[Row]:
-        """Driven roads below the threshold, the worst first."""
+        """Return driven roads below the threshold, the worst first."""
         ranked = [
             (row.severity, row.id, row)
             for row in self.table
@@ -224,7 +224,7 @@ def follow(
     outstanding: int = 1,
     objective: bool = False,
 ) -> list[str]:
-    """Ask and tell both the same; return the operators. What is told is drawn at random."""
+    """Tell both the same random results, check that both propose alike; return the operators."""
     rng = np.random.default_rng(twin.seed)
     waiting: list[Candidate] = []
     for count in range(1, tests + 1):
@@ -242,7 +242,7 @@ def follow(
         outcome, severity = result()
         if not twin.wants(candidate) and rng.random() < 0.5:
             outcome, severity = DROPPED, None
-        spent = count / tests if rng.random() < 0.9 else 0.0  # some are told late
+        spent = count / tests if rng.random() < 0.9 else 0.0  # some results come late
         evaluation = Evaluation(candidate, outcome, severity, spent)
         if objective and severity is not None:
             evaluation = Evaluation(candidate, outcome, 1.0, spent, objective=severity)
@@ -252,12 +252,12 @@ def follow(
 
 
 def bends_alike(curvatures: FloatArray, step: float) -> bool:
-    """Whether both ends turn the same way."""
+    """Return whether both ends turn the same way."""
     assert step == 10.0
     return bool(curvatures[0] * curvatures[-1] > 0)
 
 
-WAYS: dict[str, tuple[dict[str, Any], dict[str, Any]]] = {
+OPTIONS: dict[str, tuple[dict[str, Any], dict[str, Any]]] = {
     "the paper's": ({}, {}),
     "two values": ({"map_size": 20.0}, {"usual_length": 2}),
     "strong mutations": (
@@ -271,11 +271,11 @@ WAYS: dict[str, tuple[dict[str, Any], dict[str, Any]]] = {
     "refusing": ({"is_valid": bends_alike, "max_redraws": 3},) * 2,
     "refusing all": ({"is_valid": lambda *_: False, "max_redraws": 2},) * 2,
 }
-"""Name -> options of the search, and what they mean to the twin."""
+"""Name -> options of the search, and the same options of the twin."""
 
 
 @given(
-    way=st.sampled_from(list(WAYS)),
+    way=st.sampled_from(list(OPTIONS)),
     seed=st.integers(0, 1000),
     outstanding=st.sampled_from([1, 1, 2, 7, 20]),
     shares=st.sampled_from([(6, 2, 1, 1), (2, 6, 1, 1), (9, 1, 0, 0), (1, 1, 4, 4)]),
@@ -291,7 +291,7 @@ WAYS: dict[str, tuple[dict[str, Any], dict[str, Any]]] = {
     objective=st.booleans(),
 )
 @settings(max_examples=80)
-def test_it_proposes_and_wants_what_listing_1_does(
+def test_it_proposes_and_wants_the_same_roads_as_listing_1(
     way: str,
     seed: int,
     outstanding: int,
@@ -308,13 +308,13 @@ def test_it_proposes_and_wants_what_listing_1_does(
         # Rounded, so that MOOBDs are often equal.
         return outcome, round(float(rng.uniform(lowest, 1.0)), 1) if outcome.is_driven else None
 
-    options, meaning = WAYS[way]
+    options, twin_options = OPTIONS[way]
     search = Frenetic2021(seed=seed, **listing, **options)
-    twin = Twin(seed, **listing, **meaning)
+    twin = Twin(seed, **listing, **twin_options)
     follow(search, twin, 250, result, outstanding, objective)
 
 
-def test_the_defaults_are_those_of_the_paper_the_published_code_and_ours() -> None:
+def test_the_defaults_are_the_twins() -> None:
     rng = np.random.default_rng(5)
     operators = follow(
         Frenetic2021(seed=1), Twin(1), 400, lambda: (PASS, float(rng.uniform(-2.0, 2.0)))
@@ -330,18 +330,18 @@ def test_a_crossover_needs_five_parents(parents: int, has_children: bool) -> Non
         candidate = search.ask()
         moobd = -1.0 if number < parents else 1.0
         operators.add(candidate.origin.operator)
-        # Nothing but the first roads is below the threshold; F1 .. F4 have no mutants.
+        # Only the first roads are below the threshold; F1 .. F4 have no mutants.
         search.tell(Evaluation(candidate, FAIL, moobd, 0.5))
     assert ({"C1", "C2"} <= operators) is has_children
 
 
-def test_with_fewer_parents_the_count_of_tests_begins_anew() -> None:
+def test_a_crossover_without_enough_parents_restarts_the_count_of_tests() -> None:
     search = Frenetic2021(seed=1, random_budget=0.0, cross_freq=9)
     operators = []
     for number in range(22):
         candidate = search.ask()
         operators.append(candidate.origin.operator)
-        # Every parent has one mutant, which fails at once. Ten results know four parents.
+        # Every parent has one mutant, which fails at once. Ten results give four parents.
         is_parent = number in (0, 2, 4, 6, 10)
         outcome, moobd = (PASS, -1.0) if is_parent else (FAIL, 1.0)
         search.tell(Evaluation(candidate, outcome, moobd, 0.5))
@@ -350,7 +350,7 @@ def test_with_fewer_parents_the_count_of_tests_begins_anew() -> None:
     assert operators[20] in ("C1", "C2")
 
 
-def test_roads_that_the_competition_calls_invalid_are_refused_by_default() -> None:
+def test_roads_that_are_invalid_in_the_competition_are_redrawn_by_default() -> None:
     def is_valid(curvatures: FloatArray, step: float) -> bool:
         return Road(curvatures, step).placed(200.0)[1].valid
 
@@ -362,7 +362,7 @@ def test_roads_that_the_competition_calls_invalid_are_refused_by_default() -> No
     assert {is_valid(row.curvatures, 10.0) for row in twin.table} == {True, False}
 
 
-def test_it_says_that_its_roads_are_random() -> None:
+def test_a_notice_says_that_no_road_is_below_the_threshold() -> None:
     search = Frenetic2021(seed=1, random_budget=0.1)
     for count in range(20):
         assert search.notice is None or count > 2
@@ -373,7 +373,7 @@ def test_it_says_that_its_roads_are_random() -> None:
 
 
 @pytest.mark.parametrize(("moobd", "most"), [(-0.5, 1), (-1.0, 22)])
-def test_it_forgets_all_but_the_best_roads_below_the_threshold(moobd: float, most: int) -> None:
+def test_memory_holds_only_the_best_roads_below_the_threshold(moobd: float, most: int) -> None:
     search = Frenetic2021(seed=1, random_budget=0.0, cross_num=20)
     references: list[weakref.ref[Candidate]] = []
     for _ in range(3000):

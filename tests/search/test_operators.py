@@ -1,4 +1,4 @@
-"""F1 against roads that are reversed as points, by scipy's quadrature, circles and clothoids."""
+"""F1, compared with roads reversed as points: by scipy's quadrature, circles and clothoids."""
 
 from __future__ import annotations
 
@@ -21,12 +21,12 @@ from frenetic.search.operators import (
     swap_halves,
 )
 
-SPACING = 0.1  # m between two points of a road
-LANE = 2.0  # m from the centre line to the middle of either lane
+SPACING = 0.1  # [m] between two points of a road
+LANE_CENTRE = 2.0  # [m] from the centre line
 
 
 def heading_after(s: FloatArray, heading: float, start: float, slope: float) -> FloatArray:
-    """Headings, rad, s m behind a sample of curvature ``start``, which changes by ``slope``."""
+    """Return headings in rad, s m behind a sample whose curvature ``start`` grows by ``slope``."""
     return heading + start * s + 0.5 * slope * s**2
 
 
@@ -41,7 +41,7 @@ def northward(s: FloatArray, *shape: float) -> FloatArray:
 def points_of(
     curvatures: FloatArray, step: float, start: tuple[float, float, float]
 ) -> tuple[FloatArray, FloatArray]:
-    """Points, (n, 2) m, `SPACING` apart, and headings, (n,) rad, by quadrature of the heading."""
+    """Return points, (n, 2) m, `SPACING` apart, and headings, (n,) rad, by quadrature."""
     x, y, heading = start
     points, headings = [(x, y)], [heading]
     places = np.linspace(0.0, step, round(step / SPACING) + 1)
@@ -56,7 +56,7 @@ def points_of(
 
 
 def curvatures_of(points: FloatArray) -> FloatArray:
-    """Curvature, (n - 2,) 1/m, of the circle through each three neighbours; positive left."""
+    """Return the curvature, (n - 2,) 1/m, of circles through three neighbours; positive left."""
     before, here, after = points[:-2], points[1:-1], points[2:]
     arriving, leaving, chord = here - before, after - here, after - before
     cross = arriving[:, 0] * leaving[:, 1] - arriving[:, 1] * leaving[:, 0]
@@ -91,18 +91,21 @@ def test_f1_is_the_road_reversed_as_points_and_driven_in_the_other_lane(
     assert_profile(points[::-1], mutant, step)
     back, back_headings = points_of(mutant, step, (*points[-1], headings[-1] + math.pi))
     np.testing.assert_allclose(back, points[::-1], rtol=0, atol=1e-9)  # ends and length, too
-    # The right-hand lane of the one is the left-hand lane of the other.
+    # The mutant's right-hand lane is the road's left-hand lane.
     to_the_right = np.column_stack([np.sin(back_headings), -np.cos(back_headings)])
     to_the_left = np.column_stack([-np.sin(headings), np.cos(headings)])
     np.testing.assert_allclose(
-        back + LANE * to_the_right, (points + LANE * to_the_left)[::-1], rtol=0, atol=1e-9
+        back + LANE_CENTRE * to_the_right,
+        (points + LANE_CENTRE * to_the_left)[::-1],
+        rtol=0,
+        atol=1e-9,
     )
 
 
 @pytest.mark.parametrize("curvature", [0.07, 0.02, -0.05])
 def test_f1_of_an_arc_turns_the_other_way_round_the_same_centre(curvature: float) -> None:
     length, step, n = 40.0, 10.0, 5
-    # A circle around the origin, whose first point lies to the right or left of it.
+    # A circle around the origin; its first point lies to the right or left of the origin.
     angles = curvature * np.arange(0.0, length + 0.5 * SPACING, SPACING)
     circle = np.column_stack([np.cos(angles), np.sin(angles)]) / curvature
 

@@ -1,4 +1,4 @@
-"""An option out of range is refused in one line: what was given, and what is needed."""
+"""Options out of range are refused in one line that says which values are allowed."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import pytest
 from frenetic.road.classes import RoadClass
 from frenetic.search import Frenetic, Frenetic2021, RandomSearch
 
-OF_ALL = [
+COMMON_MISTAKES = [
     ("seed", -1, "a whole number >= 0"),
     ("seed", 1.5, "a whole number"),
     ("map_size", float("inf"), "a number that is finite"),
@@ -17,7 +17,11 @@ OF_ALL = [
     ("max_length", 1, "a whole number >= 2"),
 ]
 MISTAKES = [
-    *((strategy, *row) for strategy in (RandomSearch, Frenetic2021, Frenetic) for row in OF_ALL),
+    *(
+        (strategy, *row)
+        for strategy in (RandomSearch, Frenetic2021, Frenetic)
+        for row in COMMON_MISTAKES
+    ),
     (RandomSearch, "max_redraws", -1, "a whole number >= 0"),
     (Frenetic, "random_budget", 1.1, "a number <= 1"),
     (Frenetic, "random_roads", 0, "a whole number >= 1"),
@@ -44,7 +48,7 @@ def test_options_out_of_range_are_refused(
     assert str(refusal.value) == f"{option} is {repr(value)[:60]}: {needed} is needed"
 
 
-def test_a_range_has_two_ends() -> None:
+def test_a_range_whose_ends_are_exchanged_is_refused() -> None:
     with pytest.raises(ValueError, match=r"min_scale is 1.1: at most max_scale, 1.0, is allowed"):
         Frenetic2021(seed=1, max_scale=1.0)
     with pytest.raises(ValueError, match=r"step is 10.0: 16 m are needed, as its road class says"):

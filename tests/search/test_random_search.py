@@ -1,4 +1,4 @@
-"""Random roads: how long they are, and how often a refused one is drawn again."""
+"""Random roads: their length, validity and redraws."""
 
 from __future__ import annotations
 
@@ -50,20 +50,20 @@ def test_roads_are_valid_on_the_map_by_default() -> None:
         assert sum(valid[0]) >= 29 > sum(valid[1])
 
 
-def test_random_roads_are_187_m_long_in_the_mean_and_those_of_frenetic_275_m() -> None:
+def test_random_roads_have_a_mean_length_of_187_m_and_275_m_in_frenetic() -> None:
     searches = RandomSearch(seed=1), Frenetic(seed=1, random_roads=500)
     lengths = [[search.ask().length for _ in range(500)] for search in searches]
     assert np.mean(lengths, axis=1) == pytest.approx([187.0, 275.0], abs=3.0)
 
 
 def test_random_search_draws_the_roads_of_frenetic_2021_with_redraws() -> None:
-    search, other = RandomSearch(seed=3), Frenetic2021(seed=3, max_redraws=10)
+    search, frenetic = RandomSearch(seed=3), Frenetic2021(seed=3, max_redraws=10)
     for _ in range(50):
-        np.testing.assert_array_equal(search.ask().curvatures, other.ask().curvatures)
+        np.testing.assert_array_equal(search.ask().curvatures, frenetic.ask().curvatures)
 
 
 @pytest.mark.parametrize(("accept_every", "max_redraws"), [(4, 10), (99, 0), (99, 1), (99, 10)])
-def test_a_refused_road_is_drawn_again_and_the_last_draw_taken_whatever_it_is(
+def test_a_refused_road_is_drawn_again_and_the_last_draw_is_always_taken(
     accept_every: int, max_redraws: int
 ) -> None:
     checked: list[FloatArray] = []
@@ -99,7 +99,7 @@ def test_every_class_has_valid_roads(name: str, make: Callable[..., Strategy]) -
     ],
 )
 @pytest.mark.parametrize("make", [Frenetic, Frenetic2021, RandomSearch])
-def test_options_that_give_no_valid_road_are_refused_with_what_is_needed(
+def test_options_without_valid_roads_are_refused_and_a_length_is_proposed(
     text: str, words: str, make: Callable[..., Strategy]
 ) -> None:
     road_class = class_of(text)
@@ -112,26 +112,26 @@ def test_options_that_give_no_valid_road_are_refused_with_what_is_needed(
     make(seed=1, road_class=replace(road_class, length=float(needed[1]))).require_valid_roads()
 
 
-def test_a_map_that_holds_no_road_is_refused() -> None:
+def test_a_map_too_small_for_roads_is_refused() -> None:
     reason = r"fewer than 2 of 300 random roads are valid there: .*fit.* \(300 times\)"
     with pytest.raises(ValueError, match=f"^map_size is 25 m, and {reason}"):
         RandomSearch(seed=1, map_size=25.0).require_valid_roads()
 
 
-def test_whether_there_are_valid_roads_changes_no_proposal_and_asks_no_check_of_a_user() -> None:
+def test_require_valid_roads_changes_no_proposal_and_calls_no_user_check() -> None:
     road_class = RoadClass.of("rural-80")
     checked, plain = (RandomSearch(seed=1, road_class=road_class) for _ in range(2))
     checked.require_valid_roads()
     for _ in range(5):
         assert np.array_equal(checked.ask().curvatures, plain.ask().curvatures)
-    asked: list[float] = []
+    steps: list[float] = []
 
     def check(_: FloatArray, step: float) -> bool:
-        asked.append(step)
+        steps.append(step)
         return False
 
     RandomSearch(seed=1, map_size=25.0, is_valid=check).require_valid_roads()
-    assert asked == []
+    assert steps == []
 
 
 def test_reasons_that_differ_in_their_numbers_count_as_one() -> None:

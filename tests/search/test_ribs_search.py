@@ -1,4 +1,4 @@
-"""The peers of pyribs that take part in benches, see benchmarks/ribs_search.py."""
+"""The algorithms of pyribs that take part in benches, see benchmarks/ribs_search.py."""
 
 from __future__ import annotations
 
@@ -26,14 +26,14 @@ ALGORITHMS = ("map-elites", "cma-mae", "cma-es")
 
 @pytest.fixture(scope="module", autouse=True)
 def _ribs_as_plain_python() -> None:
-    """Compiling what pyribs lets numba compile takes longer than all that is done with it here."""
+    """Run pyribs' compiled functions as plain Python: compiling takes longer than these tests."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(numba.config, "DISABLE_JIT", True)
         import ribs.archives
         import ribs.emitters  # noqa: F401
 
 
-def peer(algorithm: str, seed: int = 1, **options: object) -> Strategy:
+def ribs_search(algorithm: str, seed: int = 1, **options: object) -> Strategy:
     strategy: Strategy = STRATEGIES.make_from(
         SPEC, {"algorithm": algorithm, **options}, {"seed": seed, "map_size": 200.0}
     )
@@ -42,11 +42,14 @@ def peer(algorithm: str, seed: int = 1, **options: object) -> Strategy:
 
 class TestRibsSearch(StrategyContract):
     def make(self, seed: int) -> Strategy:
-        return peer("cma-mae", seed, values=8)
+        return ribs_search("cma-mae", seed, values=8)
 
 
 def search(strategy: Strategy, drives: int) -> list[tuple[str, float, bool]]:
-    """Origin, sum of |curvature| and validity of roads; the tighter a road, the lower its MOOBD."""
+    """Run a search in which MOOBD falls with the sum of |curvature|.
+
+    Return origin, sum of |curvature| and validity of each road.
+    """
     proposals = []
     trace = Trace(np.array([95.0, 100.0]), np.array([0.5, 1.0]), np.array([9.0, 10.0]))
     for _ in range(drives):
@@ -65,8 +68,8 @@ def search(strategy: Strategy, drives: int) -> list[tuple[str, float, bool]]:
 
 
 @pytest.mark.parametrize("algorithm", ALGORITHMS)
-def test_it_goes_where_the_driver_is_worse_and_proposes_valid_roads_only(algorithm: str) -> None:
-    proposals = search(peer(algorithm, values=12), 120)
+def test_roads_become_worse_for_the_driver_and_are_all_valid(algorithm: str) -> None:
+    proposals = search(ribs_search(algorithm, values=12), 120)
 
     assert [origin for origin, _, _ in proposals[:30]] == ["random"] * 30
     assert {origin for origin, _, _ in proposals[30:]} == {algorithm}

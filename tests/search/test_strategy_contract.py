@@ -1,4 +1,4 @@
-"""Our own strategies keep the contract, and the contract notices strategies that do not."""
+"""Built-in strategies keep the contract, and the contract detects broken strategies."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ class TestFrenetic(StrategyContract):
 
 
 @pytest.mark.heavy
-class TestFreneticInOtherWays(StrategyContract):
+class TestFreneticWithOptions(StrategyContract):
     def make(self, seed: int) -> Strategy:
         return Frenetic(seed=seed, random_roads=5, likely=True)
 
@@ -44,11 +44,11 @@ class TestFrenetic2021(StrategyContract):
         return Frenetic2021(seed=seed)
 
 
-# What the contract is for: each of these breaks one promise.
+# Each of these strategies breaks one promise of the contract.
 
 
 class _Straight(Strategy):
-    """Keeps the contract but for what a derived class does."""
+    """Keeps the contract; derived classes break a promise."""
 
     def __init__(self, seed: int) -> None:
         self.rng = np.random.default_rng(seed)
@@ -145,11 +145,11 @@ class _LooksAtTheObject(_Straight):
     def tell(self, evaluation: Evaluation) -> None:
         super().tell(evaluation)
         if evaluation.candidate is not self.asked[evaluation.candidate.id]:
-            self.rng.random()  # what a log gives back is never the object that was asked
+            self.rng.random()  # a log gives back other objects than `ask` returned
 
 
 class _Choosy(_Straight):
-    """Loses interest in what is too far from the last candidate that was told."""
+    """Loses interest in candidates of ids more than 10 below the highest that was told."""
 
     def __init__(self, seed: int) -> None:
         super().__init__(seed)
@@ -189,7 +189,7 @@ class _WantsTheObject(_Choosy):
         return self.asked[-1]
 
     def is_wanted(self, candidate: Candidate) -> bool:
-        # A log gives back other objects.
+        # Candidates read from a log are other objects.
         return super().is_wanted(candidate) and any(asked is candidate for asked in self.asked)
 
 
@@ -257,7 +257,9 @@ def test_a_strategy_of_ten_lines_keeps_the_contract(strategy: Callable[[int], St
         (_ChokesOnDropped, "test_a_replayed_log_gives_the_same_continuation"),
     ],
 )
-def test_the_contract_notices(strategy: Callable[[int], Strategy], promise: str) -> None:
+def test_the_contract_detects_a_broken_promise(
+    strategy: Callable[[int], Strategy], promise: str
+) -> None:
     assert _is_broken(promise, strategy)
 
 
@@ -266,7 +268,7 @@ def test_make_has_to_be_overridden() -> None:
         StrategyContract().make(1)
 
 
-# The ledger, with which strategies keep their books.
+# The ledger, in which strategies record outstanding candidates.
 
 
 def _evaluation(
@@ -292,7 +294,7 @@ def _evaluation(
         (2, 1.0, math.inf, "budget spent must be a finite number of at least 0, got inf"),
     ],
 )
-def test_the_ledger_refuses_what_cannot_be(
+def test_the_ledger_refuses_unknown_candidates_and_non_finite_numbers(
     number: int, moobd: float, spent: float, message: str
 ) -> None:
     ledger = Ledger()
@@ -303,13 +305,13 @@ def test_the_ledger_refuses_what_cannot_be(
     with pytest.raises(ValueError, match=message):
         ledger.settle(Evaluation(stranger, Outcome.FAIL, moobd, spent))
 
-    assert len(ledger) == 1  # the other one still waits
+    assert len(ledger) == 1  # the second candidate still waits
     rebuilt = Candidate(2, np.ones(3), 10.0, Origin("random"))
     assert ledger.settle(Evaluation(rebuilt, Outcome.FAIL, None, 0.0)) is second
     assert len(ledger) == 0
 
 
-def test_an_evaluation_takes_the_name_of_an_outcome_and_no_other_word() -> None:
+def test_an_evaluation_accepts_the_name_of_an_outcome_and_no_other_text() -> None:
     strategy = RandomSearch(seed=1)
     evaluation = Evaluation(strategy.ask(), "FAIL", -1.0, 0.1)  # type: ignore[arg-type]
     assert evaluation.outcome is Outcome.FAIL

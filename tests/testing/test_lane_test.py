@@ -1,4 +1,4 @@
-"""`keeps_lane` as its users run it: pytest in a process of its own, on the planted drivers."""
+"""`keeps_lane` as users run it: with pytest in another process, on the planted drivers."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ PLANTED = {
     "Unrepeatable": "",
     "Sound": None,
 }
-"""One of each kind; what each fault is called is the fact of test_planted.py."""
+"""Driver -> cause in its report; tests/test_planted.py covers all causes."""
 HEAD = "import planted_drivers as planted\nimport pytest\nfrom frenetic.testing import keeps_lane\n"
 
 
@@ -47,8 +47,8 @@ raise SystemExit(pytest.main({["-p", "no:cacheprovider", *options]}))
     return interpreter.python(code, folder=folder)
 
 
-def told_of(driver: str, folder: Path, **options: int) -> str:
-    """What the test of a driver says, run here; empty if it passes."""
+def report_of(driver: str, folder: Path, **options: int) -> str:
+    """Run the test of a driver in this process; return its report, empty if it passes."""
 
     @keeps_lane(**({"simulations": 150} | options))  # type: ignore[arg-type]
     def test() -> object:
@@ -69,36 +69,36 @@ def told_of(driver: str, folder: Path, **options: int) -> str:
     ["BrakesLate", "Raises", pytest.param("Unrepeatable", marks=pytest.mark.heavy), "Sound"],
 )
 def test_each_planted_fault_fails_with_its_cause(driver: str, tmp_path: Path) -> None:
-    told, cause = told_of(driver, tmp_path), PLANTED[driver]
+    report, cause = report_of(driver, tmp_path), PLANTED[driver]
     if cause is None:
-        assert told == ""
+        assert report == ""
         assert not (tmp_path / FOLDER).exists()
         return
-    first = next(line for line in told.splitlines() if line.startswith("The driver "))
+    first = next(line for line in report.splitlines() if line.startswith("The driver "))
     assert cause in first
     files = sorted((tmp_path / FOLDER).glob("*.json"))
     assert files
     for file in files:
-        assert str(file) in told
+        assert str(file) in report
         assert file.with_suffix(".png").is_file()
         assert file.stat().st_size < 2000
         assert json.loads(file.read_text(encoding="utf-8"))["curvatures"]
     if driver == "Unrepeatable":
-        assert "\nNote: " in told
+        assert "\nNote: " in report
         return
-    again = told_of(driver, tmp_path, simulations=1)
-    assert "on which it failed before" in again, "what is remembered is driven first"
-    assert cause.partition(" in")[0] in again
+    second = report_of(driver, tmp_path, simulations=1)
+    assert "on which it failed before" in second, "remembered roads are driven first"
+    assert cause.partition(" in")[0] in second
     assert sorted((tmp_path / FOLDER).glob("*.json")) == files
 
 
 @pytest.mark.heavy
-def test_the_same_seed_says_the_same_and_a_mended_driver_passes(tmp_path: Path) -> None:
+def test_the_same_seed_gives_the_same_report_and_a_mended_driver_passes(tmp_path: Path) -> None:
     for name in "ab":
         (tmp_path / name).mkdir()
-    one, other = (told_of("TooFast", tmp_path / name) for name in "ab")
-    assert one.replace(str(tmp_path / "a"), "") == other.replace(str(tmp_path / "b"), "")
-    assert told_of("Sound", tmp_path / "a", simulations=5) == ""
+    first, second = (report_of("TooFast", tmp_path / name) for name in "ab")
+    assert first.replace(str(tmp_path / "a"), "") == second.replace(str(tmp_path / "b"), "")
+    assert report_of("Sound", tmp_path / "a", simulations=5) == ""
 
 
 def test_time_ends_a_search_with_a_notice(tmp_path: Path) -> None:
@@ -116,7 +116,9 @@ def test_time_ends_a_search_with_a_notice(tmp_path: Path) -> None:
 
 
 @pytest.mark.heavy
-def test_fixtures_parameters_marks_and_workers(interpreter: Interpreter, tmp_path: Path) -> None:
+def test_fixtures_parameters_marks_and_workers_work(
+    interpreter: Interpreter, tmp_path: Path
+) -> None:
     text = """
 @pytest.fixture
 def aggression():
@@ -135,35 +137,37 @@ def test_slow():
 def test_other():
     pass
 """
-    done = run_pytest(
+    result = run_pytest(
         interpreter, tmp_path, text, "-n", "2", "-m", "keeps_lane", "--junitxml", "r.xml"
     )
-    assert done.code == 1, done.stdout
-    assert "1 failed, 2 passed" in done.stdout
-    assert "The driver steers the wrong way" in done.stdout
-    assert "Traceback" not in done.stdout
-    assert "keeping.py" not in done.stdout, "the message alone"
-    assert "test_slow: stopped after 0.001 s" in done.stdout
-    assert "PytestUnknownMarkWarning" not in done.stdout
-    found = {case.get("name"): case for case in ET.parse(tmp_path / "r.xml").iter("testcase")}
-    failure = found["test_it[WrongSign]"].find("failure")
+    assert result.code == 1, result.stdout
+    assert "1 failed, 2 passed" in result.stdout
+    assert "The driver steers the wrong way" in result.stdout
+    assert "Traceback" not in result.stdout
+    assert "lane_test.py" not in result.stdout, "the report has no traceback"
+    assert "test_slow: stopped after 0.001 s" in result.stdout
+    assert "PytestUnknownMarkWarning" not in result.stdout
+    cases = {case.get("name"): case for case in ET.parse(tmp_path / "r.xml").iter("testcase")}
+    failure = cases["test_it[WrongSign]"].find("failure")
     assert failure is not None
     assert "road      failing-roads" in (failure.text or "")
-    assert [one.get("name") for one in found["test_slow"].iter("property")] == ["frenetic"]
+    assert [entry.get("name") for entry in cases["test_slow"].iter("property")] == ["frenetic"]
     (file,) = (tmp_path / FOLDER).glob("*.json")
-    line = next(line for line in done.stdout.splitlines() if line.startswith("Drive them again: "))
+    line = next(
+        line for line in result.stdout.splitlines() if line.startswith("Drive them again: ")
+    )
     assert line == 'Drive them again: pytest "test_lane.py::test_it[WrongSign]"'
-    again = run_pytest(interpreter, tmp_path, text, "test_lane.py::test_it[WrongSign]")
-    assert "on which it failed before" in again.stdout
+    second = run_pytest(interpreter, tmp_path, text, "test_lane.py::test_it[WrongSign]")
+    assert "on which it failed before" in second.stdout
     file.write_text("{", encoding="utf-8")
     damaged = run_pytest(interpreter, tmp_path, text, "test_lane.py::test_it[WrongSign]")
     assert damaged.code == 1
     assert file.name in damaged.stdout
-    assert "keeping.py" not in damaged.stdout
+    assert "lane_test.py" not in damaged.stdout
     assert "plugin.py" not in damaged.stdout
 
 
-def test_criteria_of_a_class_of_roads(interpreter: Interpreter, tmp_path: Path) -> None:
+def test_criteria_and_a_road_class_apply(interpreter: Interpreter, tmp_path: Path) -> None:
     text = """
 from frenetic import Planner
 
@@ -172,9 +176,9 @@ from frenetic import Planner
 def test_it():
     return Planner()
 """
-    done = run_pytest(interpreter, tmp_path, text)
-    assert "The driver exceeds the limit of lateral acceleration" in done.stdout
-    assert "criteria: after-iso-11270" in done.stdout
+    result = run_pytest(interpreter, tmp_path, text)
+    assert "The driver exceeds the limit of lateral acceleration" in result.stdout
+    assert "criteria: after-iso-11270" in result.stdout
 
 
 @pytest.mark.parametrize(
@@ -190,14 +194,12 @@ def test_it():
         ({"conditions": {"delay": "a"}}, "conditions is {'delay': 'a'}: "),
     ],
 )
-def test_mistakes_are_named_where_the_test_is_declared(
-    arguments: dict[str, object], words: str
-) -> None:
+def test_mistakes_are_reported_at_the_declaration(arguments: dict[str, object], words: str) -> None:
     with pytest.raises((FreneticError, ValueError), match=words):
         keeps_lane(**arguments)  # type: ignore[arg-type]
 
 
-def test_what_is_no_driver_is_refused() -> None:
+def test_a_test_that_returns_no_driver_is_refused() -> None:
     @keeps_lane()
     def kind() -> object:
         return Planner
@@ -215,7 +217,7 @@ def test_what_is_no_driver_is_refused() -> None:
 
 
 @pytest.mark.heavy
-def test_tests_whose_ids_differ_in_signs_or_case_remember_roads_apart(
+def test_tests_with_similar_ids_remember_their_own_roads(
     interpreter: Interpreter, tmp_path: Path
 ) -> None:
     text = """
@@ -243,7 +245,7 @@ class Testfast:
     assert stems == {memory_stem("test_lane", f"test_lane.py::{test}") for test in ids}
 
 
-ALIKE: Final = (
+SIMILAR_IDS: Final = (
     "test_sign[1.0]",
     "test_sign[-1.0]",
     "test_sign[1/0]",
@@ -260,19 +262,21 @@ ALIKE: Final = (
     "test_" + "x" * 301,
     "test_sign[" + ":" * 300 + "]",
 )
-"""Ids of one file's tests."""
+"""Ids of tests of the same file."""
 
 MODULES: Final = ("test_lane", "test_Lane", "test_lane-test_sign", "con")
 
 
-def test_each_id_has_file_names_of_its_own_on_every_system() -> None:
-    stems = {memory_stem(module, f"{module}.py::{test}") for module in MODULES for test in ALIKE}
+def test_each_id_has_its_own_file_names_on_every_system() -> None:
+    stems = {
+        memory_stem(module, f"{module}.py::{test}") for module in MODULES for test in SIMILAR_IDS
+    }
     folded = {stem.casefold() for stem in stems}
-    assert len(folded) == len(MODULES) * len(ALIKE)
+    assert len(folded) == len(MODULES) * len(SIMILAR_IDS)
     for stem in stems:
         assert re.fullmatch(r"[A-Za-z0-9_]+-[A-Za-z0-9_.-]+", stem)
         assert len(f"{stem}-12345678.json") <= 200  # bytes, of 255 that systems allow
-        # The pattern of one test's files does not fit another's.
+        # The pattern of a test's files fits no file of another test.
         files = [f"{stem}-12345678.json" for stem in stems]
         assert fnmatch.filter(files, f"{stem}-????????.json") == [f"{stem}-12345678.json"]
 
@@ -283,7 +287,7 @@ def test_two_ids_never_share_a_file_name(first: str, second: str) -> None:
     assert (stems[0].casefold() == stems[1].casefold()) is (first == second)
 
 
-def test_the_name_of_a_plain_id_says_it_all_wherever_pytest_was_started() -> None:
+def test_a_plain_id_gives_a_plain_file_name_from_any_folder() -> None:
     for folder in ("", "tests/", "/home/me/tests/"):
         assert memory_stem("bends_test", f"{folder}bends_test.py::test_hasty") == (
             "bends_test-test_hasty"

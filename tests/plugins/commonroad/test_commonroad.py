@@ -1,4 +1,4 @@
-"""CommonRoad's multi-body car."""
+"""The simulator `commonroad`, with CommonRoad's multi-body car."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ class TestContract(SimulatorContract):
         return CommonRoadSimulator(rules=rules)
 
 
-def test_without_its_package_it_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_error_names_the_missing_package(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delitem(sys.modules, "frenetic.plugins.commonroad.car")
     for name in [name for name in sys.modules if name.startswith("vehiclemodels")]:
         monkeypatch.setitem(sys.modules, name, None)
@@ -46,33 +46,33 @@ def test_without_its_package_it_says_what_to_install(monkeypatch: pytest.MonkeyP
 
 
 @pytest.mark.heavy
-def test_it_may_be_sent_to_another_process_after_a_drive() -> None:
+def test_a_simulator_can_be_pickled_after_a_drive() -> None:
     simulator = CommonRoadSimulator(rules=Rules(timeout_base=3.0, timeout_speed=1e3))
     first = simulator.drive(STRAIGHT, Stanley())
-    again = pickle.loads(pickle.dumps(simulator)).drive(STRAIGHT, Stanley())
-    np.testing.assert_array_equal(first.trajectory.to_rows(), again.trajectory.to_rows())
+    copied = pickle.loads(pickle.dumps(simulator)).drive(STRAIGHT, Stanley())
+    np.testing.assert_array_equal(first.trajectory.to_rows(), copied.trajectory.to_rows())
 
 
 @pytest.mark.heavy
 @pytest.mark.parametrize("speed", [3.5, 20.0])
-def test_it_drives_as_the_package_does(speed: float) -> None:
-    """A sine steer, against an implicit method of SciPy and the package's own tyres."""
+def test_the_car_drives_like_the_package(speed: float) -> None:
+    """A sine steer, compared with an implicit method of SciPy and the package's tyres."""
     p, vehicle = parameters_vehicle2(), Vehicle()
 
-    def asked(time: float) -> float:
+    def demanded(time: float) -> float:
         return 0.03 * math.sin(3.0 * math.floor(time / 0.01 + 1e-6) * 0.01)
 
     def slope(time: float, x: npt.NDArray[np.float64]) -> list[float]:
-        rate = (asked(time) - x[2]) / vehicle.steering_lag
+        rate = (demanded(time) - x[2]) / vehicle.steering_lag
         slopes: list[float] = vehicle_dynamics_mb(x.tolist(), [rate, 0.0], p)
         return slopes
 
     start = init_mb([0.0, 0.0, 0.0, speed, 0.0, 0.0, 0.0], p)
-    done = solve_ivp(slope, (0.0, 3.0), start, "LSODA", rtol=1e-7, atol=1e-9, max_step=0.01)
+    solution = solve_ivp(slope, (0.0, 3.0), start, "LSODA", rtol=1e-7, atol=1e-9, max_step=0.01)
     car = CommonRoadCar(Pose(0.0, 0.0, 0.0), vehicle, speed)
     for i in range(300):
-        car.advance(asked(0.01 * i), 0.0, 0.0)
-    x, y, steering, along, heading, yaw_rate, *others = done.y[:, -1]
+        car.advance(demanded(0.01 * i), 0.0, 0.0)
+    x, y, steering, along, heading, yaw_rate, *others = solution.y[:, -1]
     assert (car.motion.x, car.motion.y) == pytest.approx((x, y), abs=0.01)
     assert car.motion[2:] == pytest.approx(
         (heading, along, others[4], yaw_rate, steering), abs=0.005
@@ -80,44 +80,44 @@ def test_it_drives_as_the_package_does(speed: float) -> None:
 
 
 class Accelerating:
-    """Asks for one acceleration after the other, then brakes to a stop."""
+    """Demands several accelerations in turn, then brakes to a stop."""
 
-    ASKED = (3.0, 1.0, -1.0, 4.0, 0.0, -5.0, 4.0, -6.0, -6.0, -6.0)
+    DEMANDS = (3.0, 1.0, -1.0, 4.0, 0.0, -5.0, 4.0, -6.0, -6.0, -6.0)
 
     def reset(self, setup: DriveSetup) -> None:
-        self.setup, self.asked = setup, list[float]()
+        self.setup, self.demands = setup, list[float]()
 
     def act(self, observation: Observation) -> Controls:
-        wanted = self.ASKED[min(int(observation.time / 2.0), len(self.ASKED) - 1)]
-        self.asked.append(wanted)
+        wanted = self.DEMANDS[min(int(observation.time / 2.0), len(self.DEMANDS) - 1)]
+        self.demands.append(wanted)
         return Controls.from_acceleration(wanted, 0.0, speed=observation.speed, setup=self.setup)
 
 
 @pytest.mark.heavy
-def test_it_accelerates_as_drivers_are_told_and_stops() -> None:
+def test_the_car_reaches_demanded_accelerations_and_stops() -> None:
     driver = Accelerating()
     t = CommonRoadSimulator().drive(STRAIGHT, driver).trajectory
-    reached, asked = np.diff(t.speed) / 0.05, np.array(driver.asked)
+    reached, demanded = np.diff(t.speed) / 0.05, np.array(driver.demands)
     steady = np.flatnonzero((t.time[:-1] % 2.0 > 0.5) & (t.speed[:-1] > 1.0))
-    np.testing.assert_allclose(reached[steady], asked[steady], rtol=0.03, atol=0.05)
+    np.testing.assert_allclose(reached[steady], demanded[steady], rtol=0.03, atol=0.05)
     assert t.speed.max() > 13.9
     assert not t.speed[-100:].any()
     assert np.abs(t.lateral_speed).max() < 0.05
 
 
-def test_it_follows_a_road_as_the_embedded_car_does() -> None:
+def test_the_car_follows_a_road_like_the_embedded_car() -> None:
     paths = []
     for simulator in (CommonRoadSimulator(), EmbeddedSimulator()):
         drive = simulator.drive(WINDING, Stanley())
         assert judge(WINDING, drive).outcome is Outcome.PASS
         paths.append(WINDING.track(np.column_stack([drive.trajectory.x, drive.trajectory.y])))
     along = np.linspace(5.0, 100.0, 50)
-    one, other = (np.interp(along, *path.T) for path in paths)
-    assert 0.01 < np.abs(one - other).max() < 0.3
+    offsets, embedded_offsets = (np.interp(along, *path.T) for path in paths)
+    assert 0.01 < np.abs(offsets - embedded_offsets).max() < 0.3
 
 
 @pytest.mark.heavy
-def test_a_car_that_slides_spins_or_rolls_over_is_a_failure() -> None:
+def test_a_car_that_slides_spins_or_rolls_over_fails() -> None:
     simulator = CommonRoadSimulator(rules=Rules(speed_limit=120.0))
     mirrored = Road(-SHARP.curvatures)
     for road, driver in ((SHARP, Planner(aggression=3.0)), (mirrored, Stanley(aggression=3.0))):

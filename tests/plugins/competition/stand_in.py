@@ -1,6 +1,6 @@
-"""A stand-in of the competition's pipeline: its interface, a clock of its own, scripted answers.
+"""A stand-in for the competition's pipeline: its interface, a clock, scripted answers.
 
-It needs the standard library of Python 3.9 alone.
+It needs only the standard library of Python 3.9.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from typing import Any
 
 @dataclass
 class Record:
-    """A moment of a drive; the pipeline's have more."""
+    """A moment of a drive; a record of the pipeline has more fields."""
 
     timer: float
     pos: tuple[float, float, float]
@@ -42,16 +42,16 @@ class RoadTestFactory:
 
 
 def install(modules: dict[str, ModuleType] = sys.modules) -> None:
-    """Makes `code_pipeline` importable."""
+    """Make `code_pipeline` importable."""
     package, module = ModuleType("code_pipeline"), ModuleType("code_pipeline.tests_generation")
     module.RoadTestFactory = RoadTestFactory  # type: ignore[attr-defined]
     modules.update({"code_pipeline": package, "code_pipeline.tests_generation": module})
 
 
 def driven(test: RoadTest, outcome: str, *oob_distances: float) -> tuple[str, str, list[Record]]:
-    """What comes back from a test of which these oob distances, m, were recorded.
+    """Return the pipeline's answer to a test with these oob distances, in m.
 
-    The car drives from point to point of the road, 4 m to the right of them where it is out.
+    The car drives 2 m to the right of the road's points, 4 m where it is out of its lane.
     """
     description = "Car drove out of the lane 1" if outcome == "FAIL" else "Successful test"
     records = []
@@ -68,7 +68,7 @@ def passed(test: RoadTest) -> Any:
 
 
 class Executor:
-    """Answers tests as told; each takes 30 s on a clock that nothing else moves."""
+    """Answers tests by a script; each takes 30 s on a clock that nothing else moves."""
 
     SECONDS_PER_TEST = 30.0
 
@@ -93,14 +93,14 @@ class Executor:
 
 
 class Executor2021(Executor):
-    """The remaining time is a number, and all that tells whether the budget is spent."""
+    """The executor of 2021: the remaining time is a number."""
 
     def get_remaining_time(self) -> Any:
         return self.budget - self.now
 
 
 class Executor2022(Executor):
-    """Tells whether the budget is spent; the remaining time is a dictionary."""
+    """The executor of 2022: the remaining time is a dictionary, and `is_over` exists."""
 
     def get_remaining_time(self) -> Any:
         return {"time-budget": self.budget - self.now}
@@ -110,7 +110,7 @@ class Executor2022(Executor):
 
 
 class ExecutorOfTwoBudgets(Executor2022):
-    """Generating and executing have a budget each; only executing takes time here."""
+    """An executor with budgets of generation and execution; only execution takes time here."""
 
     def get_remaining_time(self) -> Any:
         return {"generation-budget": 1000.0, "execution-budget": self.budget - self.now}

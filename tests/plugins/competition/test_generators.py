@@ -46,7 +46,7 @@ from frenetic.search import Evaluation
 FILE = Path(str(competition.__file__))
 HERE = Path(__file__).parent
 
-# Frenetic, with a note of its process.
+# Frenetic, which writes its process's id into a file.
 COMMAND = """
 import os, sys
 from pathlib import Path
@@ -65,7 +65,7 @@ Run = Callable[..., None]
 def _in_the_pipeline(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> Iterator[None]:
-    """Runs a test in the pipeline; however it ends, the search's process has ended then."""
+    """Run a test in the pipeline, and check that the search's process has ended behind it."""
     caplog.set_level(logging.INFO)
     monkeypatch.chdir(tmp_path)
     (tmp_path / "command.py").write_text(COMMAND, encoding="utf-8")
@@ -86,13 +86,14 @@ def search_pid() -> int:
 
 
 def stored() -> list[Test]:
-    """The tests of the one campaign."""
+    """Return the tests of the only campaign."""
     (folder,) = Path("campaigns").iterdir()
     with CampaignStore.open(folder) as store:
         return list(store.tests(with_trajectory=True))
 
 
-def complaints(log: pytest.LogCaptureFixture) -> list[str]:
+def warnings(log: pytest.LogCaptureFixture) -> list[str]:
+    """Return the logged warnings and errors."""
     return [record.getMessage() for record in log.records if record.levelno >= logging.WARNING]
 
 
@@ -119,7 +120,7 @@ def complaints(log: pytest.LogCaptureFixture) -> list[str]:
         ),
     ],
 )
-def test_the_roads_are_those_of_the_search_itself_when_told_the_same(
+def test_a_generator_proposes_the_same_roads_as_its_strategy(
     generator: type[Generator],
     strategy: search.Strategy,
     executor: type[Executor],
@@ -150,7 +151,7 @@ def test_the_roads_are_those_of_the_search_itself_when_told_the_same(
 
 
 class Score:
-    """A record that says nothing about the drive's course."""
+    """A record without position and speed."""
 
     def __init__(self, oob_distance: float) -> None:
         self.oob_distance = oob_distance
@@ -168,9 +169,9 @@ def test_verdicts_and_traces_reach_the_search(caplog: pytest.LogCaptureFixture) 
     assert [test.moobd for test in tests] == [-1.25, 0.5, -1.25, 0.5]
     assert [test.budget_spent for test in tests] == [0.25, 0.5, 0.75, 1.0]
     assert tests[0].reason == "Car drove out of the lane 1"
-    for test, theirs in zip(tests, executor.tests, strict=True):
+    for test, road_test in zip(tests, executor.tests, strict=True):
         assert test.trajectory is not None
-        records = answer(theirs)[2]
+        records = answer(road_test)[2]
         assert np.allclose(test.trajectory.x, [r.pos[0] for r in records], atol=1e-3)
         assert np.allclose(test.trajectory.y, [r.pos[1] for r in records], atol=1e-3)
         assert test.trajectory.speed.tolist() == [9.0] * len(records)
@@ -183,11 +184,11 @@ def test_verdicts_and_traces_reach_the_search(caplog: pytest.LogCaptureFixture) 
     (folder,) = Path("campaigns").absolute().iterdir()
     assert not check_campaign(folder).findings
     assert f"campaign in {folder}" in caplog.text
-    assert not complaints(caplog)
+    assert not warnings(caplog)
 
 
 @pytest.mark.heavy
-def test_seed_options_and_map_come_from_outside_also_of_a_strategy_of_ones_own(
+def test_a_users_strategy_takes_seed_options_and_map_from_its_surroundings(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     (tmp_path / "mine.py").write_text(
@@ -208,7 +209,7 @@ def test_seed_options_and_map_come_from_outside_also_of_a_strategy_of_ones_own(
         assert store.config["map_size"] == 500
 
 
-# --- what an executor may do -------------------------------------------------------------------
+# --- answers of an executor -----------------------------------------------------------------------
 
 
 def raising(_: RoadTest) -> Any:
@@ -242,7 +243,7 @@ MIXED: dict[str, Callable[[RoadTest], Any]] = {
 
 
 @pytest.mark.heavy
-def test_the_search_goes_on_whatever_comes_back(caplog: pytest.LogCaptureFixture) -> None:
+def test_the_search_survives_malformed_answers(caplog: pytest.LogCaptureFixture) -> None:
     odd = [*ODD.values(), *MIXED.values()]
 
     def answer(test: RoadTest) -> Any:
@@ -253,22 +254,22 @@ def test_the_search_goes_on_whatever_comes_back(caplog: pytest.LogCaptureFixture
     assert len(pipeline.tests) == len(odd) + 5
     tests = stored()
     driven_roads = [str(test.outcome) for test in tests if test.outcome.is_driven]
-    fates = ["PASS", "FAIL", "PASS", "PASS", "FAIL", "FAIL", "PASS", "FAIL", *["PASS"] * 5]
-    assert driven_roads == fates
+    expected = ["PASS", "FAIL", "PASS", "PASS", "FAIL", "FAIL", "PASS", "FAIL", *["PASS"] * 5]
+    assert driven_roads == expected
     assert [test.moobd for test in tests if test.moobd is not None] == [-1.25, *[0.5] * 5]
-    assert len(complaints(caplog)) == len(ODD)
+    assert len(warnings(caplog)) == len(ODD)
 
 
 @pytest.mark.heavy
-def test_an_executor_that_only_raises_is_given_up(caplog: pytest.LogCaptureFixture) -> None:
+def test_the_search_ends_after_100_exceptions_in_a_row(caplog: pytest.LogCaptureFixture) -> None:
     executor = Executor2022(tests=10**6, answer=raising)
     run_2022(RandomSearchGenerator, executor)
     assert len(executor.tests) == 100
-    assert complaints(caplog)[-1].startswith("the executor raised 100 times in a row")
+    assert warnings(caplog)[-1].startswith("the executor raised 100 times in a row")
 
 
 @pytest.mark.heavy
-def test_a_clock_that_says_nothing_for_a_while(caplog: pytest.LogCaptureFixture) -> None:
+def test_the_search_survives_an_unreadable_clock(caplog: pytest.LogCaptureFixture) -> None:
     class Clockless(Executor2022):
         readings = itertools.chain([None, "soon", {}, {"time-budget": None}, math.nan])
         looks = itertools.count()
@@ -289,12 +290,12 @@ def test_a_clock_that_says_nothing_for_a_while(caplog: pytest.LogCaptureFixture)
     run_2022(RandomSearchGenerator, executor)
     # The first reading comes before the first test.
     assert [test.budget_spent for test in stored()] == [0, 0, 0, 0, 0.625, 0.75, 0.875, 1]
-    silent = [line for line in complaints(caplog) if "does not say what time remains" in line]
+    silent = [line for line in warnings(caplog) if "does not say what time remains" in line]
     assert len(silent) == 1
 
 
 @pytest.mark.heavy
-def test_the_end_of_the_process_passes_through(caplog: pytest.LogCaptureFixture) -> None:
+def test_an_executors_exit_ends_the_generator(caplog: pytest.LogCaptureFixture) -> None:
     executor = Executor2022(
         tests=9, answer=lambda test: sys.exit(123) if test.id == 7 else passed(test)
     )
@@ -318,11 +319,11 @@ def test_a_search_that_is_killed_ends_in_one_line() -> None:
     assert "\n" not in str(ended.value)
 
 
-# --- mistakes, and where the command is --------------------------------------------------------
+# --- mistakes, and the command's place ---------------------------------------------------------
 
 
 @pytest.mark.parametrize(
-    ("variable", "value", "says"),
+    ("variable", "value", "message"),
     [
         ("FRENETIC_SEED", "many", "seed is 'many': a whole number is needed"),
         ("FRENETIC_STRATEGY_OPTIONS", "treshold=-0.3", "did you mean 'threshold'?"),
@@ -331,17 +332,19 @@ def test_a_search_that_is_killed_ends_in_one_line() -> None:
         ("FRENETIC_COMMAND", f'"{sys.executable}" -V', "it said nothing"),
     ],
 )
-def test_mistakes_are_told_in_one_line(
-    variable: str, value: str, says: str, monkeypatch: pytest.MonkeyPatch
+def test_mistakes_are_reported_in_one_line(
+    variable: str, value: str, message: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv(variable, value)
     with pytest.raises(RuntimeError) as raised:
         run_2022(Frenetic2021Generator, Executor2022(tests=1))
-    assert says in str(raised.value)
+    assert message in str(raised.value)
     assert "\n" not in str(raised.value)
 
 
-def test_outside_the_pipeline_one_line_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_generator_outside_the_pipeline_is_an_error_in_one_line(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     monkeypatch.setitem(sys.modules, "code_pipeline.tests_generation", None)
     with pytest.raises(RuntimeError, match=r"run by the pipeline's competition\.py"):
         run_2022(FreneticGenerator, Executor2022(tests=1))
@@ -384,22 +387,22 @@ print(json.dumps([len(executor.tests), [file for file in others if "site-package
 
 
 @pytest.mark.parametrize("python", [sys.executable, "python3.9"])
-def test_a_copy_of_the_file_needs_the_standard_library_alone(python: str, tmp_path: Path) -> None:
+def test_a_copy_of_the_file_needs_only_the_standard_library(python: str, tmp_path: Path) -> None:
     try:
         subprocess.run([python, "-V"], check=True, capture_output=True)
     except (OSError, subprocess.CalledProcessError):
         pytest.skip(f"{python} is not installed")
     copy = tmp_path / "frenetic_plug_in.py"
     copy.write_bytes(FILE.read_bytes())
-    done = subprocess.run(
+    process = subprocess.run(
         [python, "-I", "-S", "-c", ALONE, str(copy), str(HERE / "stand_in.py")],
         capture_output=True,
         text=True,
     )
-    assert done.returncode == 0, done.stderr
-    assert json.loads(done.stdout) == [3, []]
+    assert process.returncode == 0, process.stderr
+    assert json.loads(process.stdout) == [3, []]
 
 
-def test_python_3_9_can_run_it() -> None:
+def test_python_3_9_can_run_the_plug_in() -> None:
     assert too_new_in(FILE) == []
     assert too_new_in(HERE / "stand_in.py") == []

@@ -14,14 +14,14 @@ from pathlib import Path
 from pids import descendants, ending, until
 
 HERE = Path(__file__).parent
-"""Parts of campaigns are in files here, which workers find as if they were installed there."""
+"""Folder with parts of campaigns, which workers can import as if they were installed."""
 SHARED = HERE.parents[1] / "shared"
 SOURCES = HERE.parents[2] / "src"
 ONE_SEAT = ("--nthreads", "1", "--resources", "simulator=1")
 
 
 class Cluster:
-    """A scheduler; workers are started as a test wants them, and all ended with the cluster."""
+    """A scheduler, to which a test adds workers; all processes end with the cluster."""
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
@@ -34,7 +34,7 @@ class Cluster:
             assert self.scheduler.poll() is None, "the scheduler ended"
             try:
                 self.address = json.loads(Path(self._file).read_text())["address"]
-            except (FileNotFoundError, json.JSONDecodeError):  # not yet, or half of it
+            except (FileNotFoundError, json.JSONDecodeError):  # the file is missing or incomplete
                 return ""
             return self.address
 
@@ -49,16 +49,16 @@ class Cluster:
         return str(self.folder / "scheduler.json")
 
     def start(self, *options: str, path: Path = HERE) -> subprocess.Popen[bytes]:
-        """Starts a worker, or as many as the options say; it finds modules in the path, too."""
-        usual = [
+        """Start one or more workers, as the options say; they import modules from the path, too."""
+        defaults = [
             *("--local-directory", str(self.folder), "--memory-limit", "0"),
             *("--preload", "clusters"),  # see `dask_setup`
         ]
-        return self._start("worker", self.address, *usual, *options, path=path)
+        return self._start("worker", self.address, *defaults, *options, path=path)
 
     @contextmanager
     def started(self, *options: str, path: Path = HERE) -> Iterator[subprocess.Popen[bytes]]:
-        """A worker for as long as it is needed."""
+        """Start a worker, and end it with the context."""
         process = self.start(*options, path=path)
         try:
             yield process
@@ -68,12 +68,12 @@ class Cluster:
     def close(self) -> None:
         self._stack.close()
 
-    def _start(self, what: str, *options: str, path: Path = HERE) -> subprocess.Popen[bytes]:
+    def _start(self, role: str, *options: str, path: Path = HERE) -> subprocess.Popen[bytes]:
         self._count += 1
-        log = self._stack.enter_context((self.folder / f"{what}-{self._count}.log").open("wb"))
+        log = self._stack.enter_context((self.folder / f"{role}-{self._count}.log").open("wb"))
         process = subprocess.Popen(
             [
-                *(sys.executable, "-m", f"distributed.cli.dask_{what}", "--host", "127.0.0.1"),
+                *(sys.executable, "-m", f"distributed.cli.dask_{role}", "--host", "127.0.0.1"),
                 *("--no-dashboard", "--dashboard-address", "127.0.0.1:0", *options),
             ],
             stdout=log,
@@ -86,12 +86,12 @@ class Cluster:
 
 
 def dask_setup(worker: object) -> None:
-    """Called by each worker at its start: nothing may depend on when garbage is collected."""
+    """Stop garbage collection in a worker at its start: no test may depend on its time."""
     gc.disable()
 
 
 def end(process: subprocess.Popen[bytes]) -> None:
-    """Ends a process with all that it has started."""
+    """End a process with its children."""
     with ending(lambda: family):
         family = descendants(process.pid)
         process.kill()

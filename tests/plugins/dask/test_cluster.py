@@ -1,4 +1,4 @@
-"""Workers of a Dask cluster: real schedulers and workers, in processes of their own."""
+"""Workers of a Dask cluster, with real schedulers and workers."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ def bare(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Cluster]:
 
 @pytest.fixture(scope="module")
 def two(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Cluster]:
-    """Two workers, each with a nanny and a seat."""
+    """A cluster of two workers, each with a nanny and a seat."""
     with closing(Cluster(tmp_path_factory.mktemp("cluster"))) as cluster:
         cluster.start("--nworkers", "2", *ONE_SEAT)
         yield cluster
@@ -66,7 +66,7 @@ def two(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Cluster]:
 
 @pytest.fixture
 def cluster(two: Cluster) -> Cluster:
-    """Both workers are there, also after a test that has ended one."""
+    """The cluster with both workers, also after a test that ended a worker."""
     with client_of(two) as client:
         client.wait_for_workers(2, timeout=LIMIT)
     return two
@@ -74,7 +74,7 @@ def cluster(two: Cluster) -> Cluster:
 
 @contextmanager
 def client_of(cluster: Cluster) -> Iterator[Client]:
-    """Somebody who does things with the cluster."""
+    """Connect a client to the cluster."""
     with Client(cluster.address, set_as_default=False) as client:
         yield client
 
@@ -95,7 +95,9 @@ def workers_of(
         yield workers
 
 
-def test_a_campaign_is_the_one_of_a_single_process(cluster: Cluster, tmp_path: Path) -> None:
+def test_a_campaign_on_a_cluster_equals_that_of_a_single_process(
+    cluster: Cluster, tmp_path: Path
+) -> None:
     campaign(tmp_path / "here", simulator=Uneven(), max_in_flight=16).run()
     there = campaign(
         tmp_path / "there", simulator=Uneven(), max_in_flight=16, workers=cluster.address
@@ -123,22 +125,22 @@ def test_workers_need_no_copy_of_a_users_file(
     assert cloudpickle.list_registry_pickle_by_value() == set()
 
 
-# What goes wrong with workers
+# Faults of workers
 
 
 @pytest.mark.heavy
-def test_what_goes_wrong_with_a_drive_costs_an_attempt(
+def test_a_fault_during_a_drive_costs_an_attempt(
     cluster: Cluster, tmp_path: Path, marks: Marks
 ) -> None:
-    deeds = [
-        Fault(deed, marks.folder, samples, times=1)
-        for deed, samples in {raise_error: 8, kill: 9, sys_exit: 10}.items()
+    faults = [
+        Fault(action, marks.folder, samples, times=1)
+        for action, samples in {raise_error: 8, kill: 9, sys_exit: 10}.items()
     ]
     search = campaign(
         tmp_path / "c",
         8,
         strategy=Straight(8, 9, 10),
-        simulator=FaultySimulator(marks.folder, drive=deeds),
+        simulator=FaultySimulator(marks.folder, drive=faults),
         workers=cluster.address,
         drive_limit=LIMIT,
     )
@@ -164,7 +166,7 @@ def test_a_drive_that_takes_longer_than_its_limit_is_ended(
         until(lambda: not any(map(is_running, marks.pids())), "its simulator ends")
 
 
-def test_a_simulator_that_does_not_start_is_one_line(
+def test_a_simulator_that_does_not_start_is_an_error_in_one_line(
     cluster: Cluster, tmp_path: Path, marks: Marks
 ) -> None:
     simulator = FaultySimulator(marks.folder, start=Fault(refuse_connection, marks.folder))
@@ -175,7 +177,9 @@ def test_a_simulator_that_does_not_start_is_one_line(
         drive_one(workers)
 
 
-def test_a_driver_that_cannot_be_copied_is_one_line(cluster: Cluster, tmp_path: Path) -> None:
+def test_a_driver_that_cannot_be_copied_is_refused_in_one_line(
+    cluster: Cluster, tmp_path: Path
+) -> None:
     driver = DummyDriver()
     driver.lock = threading.Lock()  # type: ignore[attr-defined]
     with (
@@ -186,8 +190,8 @@ def test_a_driver_that_cannot_be_copied_is_one_line(cluster: Cluster, tmp_path: 
 
 
 @pytest.mark.heavy
-def test_workers_may_come_and_leave(cluster: Cluster, tmp_path: Path, marks: Marks) -> None:
-    """Also one that drives two roads at once; what a lost one drives is driven elsewhere."""
+def test_workers_may_join_and_leave(cluster: Cluster, tmp_path: Path, marks: Marks) -> None:
+    """A worker may drive two roads at once; other workers take over the roads of a lost worker."""
     simulator = FaultySimulator(marks.folder, drive=Fault(await_go, marks.folder, times=4))
     with workers_of(cluster, tmp_path, simulator) as workers:
         await_free(workers, 2)
@@ -232,25 +236,25 @@ def test_simulators_end_when_their_campaign_is_killed(
                 process.poll() is not None
                 or (marks.numbers("await_go") and len(marks.numbers("start")) == 2)
             ),
-            "one drives, the other is started",
+            "a simulator drives, the other is started",
         )
     finally:
         process.kill()
         process.wait()
-    until(lambda: len(marks.numbers("end")) >= 1, "the one between two drives ends")
+    until(lambda: len(marks.numbers("end")) >= 1, "the idle simulator ends")
     marks.make("go")
-    until(lambda: not any(map(is_running, marks.pids())), "the other ends")
+    until(lambda: not any(map(is_running, marks.pids())), "the driving simulator ends")
 
 
-# What is missing
+# Missing schedulers, seats and packages
 
 
 @pytest.mark.heavy
-def test_a_cluster_that_loses_its_scheduler(
+def test_a_campaign_can_be_resumed_after_its_scheduler_is_lost(
     tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
-    folder, theirs = tmp_path / "campaign", logging.getLogger("distributed.client")
-    theirs.addHandler(caplog.handler)
+    folder, client_log = tmp_path / "campaign", logging.getLogger("distributed.client")
+    client_log.addHandler(caplog.handler)
     with closing(Cluster(tmp_path)) as cluster:
         cluster.start("--no-nanny", *ONE_SEAT)
 
@@ -261,9 +265,10 @@ def test_a_cluster_that_loses_its_scheduler(
         search = campaign(folder, 20, strategy=Straight(8, 9), workers=cluster.address)
         with refused(f"the Dask scheduler {cluster.address} is lost"):
             search.run(on_event=on_result(lose))
-    theirs.removeHandler(caplog.handler)
-    said = [record for record in caplog.records if record.levelno >= logging.WARNING]
-    assert not [record for record in said if record.name == theirs.name]  # beside what we say
+    client_log.removeHandler(caplog.handler)
+    warnings = [record for record in caplog.records if record.levelno >= logging.WARNING]
+    # Our error says enough: Dask's client logs no warning.
+    assert not [record for record in warnings if record.name == client_log.name]
     with CampaignStore.open(folder) as store:
         assert 3 <= store.counts().result_count < 20
     summary = campaign(folder, 20, strategy=Straight(8, 9)).resume()
@@ -271,23 +276,23 @@ def test_a_cluster_that_loses_its_scheduler(
 
 
 @pytest.mark.parametrize("address", ["127.0.0.1:1", "nonsense://a"])
-def test_an_unreachable_scheduler_is_one_line(
+def test_an_unreachable_scheduler_is_an_error_in_one_line(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, address: str
 ) -> None:
     monkeypatch.setattr(cluster_module, "CONNECT_LIMIT", 0.3)
-    why = (
+    message = (
         f"there is no Dask scheduler at {re.escape(repr(address))}.*start one with 'dask scheduler'"
     )
-    with refused(why):
+    with refused(message):
         campaign(tmp_path / "campaign", workers=address).run()
     assert not (tmp_path / "campaign").exists()
 
 
 @pytest.mark.heavy
-def test_a_cluster_without_seats_is_one_line(
+def test_a_cluster_without_seats_is_an_error_in_one_line(
     bare: Cluster, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """First without workers, then with one that offers nothing."""
+    """First without workers, then with a worker that offers no simulator."""
     monkeypatch.setattr(cluster_module, "NO_SEATS_LIMIT", 0.2)
     for options in ((), ("--no-nanny", "--nthreads", "1")):
         with ExitStack() as stack:
@@ -302,9 +307,7 @@ def test_a_cluster_without_seats_is_one_line(
                 await_free(workers)
 
 
-def test_a_missing_extra_says_what_brings_it(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_an_error_names_the_missing_extra(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delitem(sys.modules, "frenetic.plugins.dask.cluster")
     for name in list(sys.modules):
         if name.partition(".")[0] == "distributed":

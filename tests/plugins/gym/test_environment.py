@@ -1,3 +1,5 @@
+"""The Gymnasium environment."""
+
 from __future__ import annotations
 
 import importlib
@@ -34,13 +36,11 @@ ROADS = [
         widening=[(9, 0), (30, 1)],
     ),
 ]
-
-
 CAMERA = Camera(width=12, height=6)
 
 
 def keeps_lane(speed: float) -> Callable[[Vector], Vector]:
-    """A policy that steers along the curvature and back to the lane's centre, at some m/s."""
+    """Return a policy that keeps its lane by curvature, offset and heading, at a speed in m/s."""
 
     def policy(vector: Vector) -> Vector:
         angle = 2.6 * 0.1 * vector[6:9].mean() - 0.4 * vector[4] - 0.4 * vector[5]
@@ -50,7 +50,7 @@ def keeps_lane(speed: float) -> Callable[[Vector], Vector]:
 
 
 def episode(env: gymnasium.Env[Any, Any], policy: Callable[[Vector], Any]) -> tuple[Any, ...]:
-    """An episode's rewards and what its last step returned."""
+    """Run an episode; return its rewards and the last step's values."""
     vector, _ = env.reset()
     rewards: list[float] = []
     while True:
@@ -62,7 +62,7 @@ def episode(env: gymnasium.Env[Any, Any], policy: Callable[[Vector], Any]) -> tu
 
 
 @pytest.mark.heavy
-def test_gymnasium_accepts_it() -> None:
+def test_gymnasiums_checker_accepts_the_environment() -> None:
     check_env(gymnasium.make("frenetic/LaneKeeping-v0", camera=CAMERA).unwrapped)
 
 
@@ -70,7 +70,9 @@ def test_gymnasium_accepts_it() -> None:
     ("speed", "options"),
     [(8.0, {}), (14.0, {"friction": 0.8}), (11.0, {"start_offset": 0.5, "vehicle": "metadrive"})],
 )
-def test_an_episode_is_the_drive_of_the_same_policy(speed: float, options: dict[str, Any]) -> None:
+def test_an_episode_equals_the_drive_of_the_same_policy(
+    speed: float, options: dict[str, Any]
+) -> None:
     for road in ROADS:
         env = LaneKeepingEnv(roads=[road], **options)
         _, _, _, terminated, truncated, info = episode(env, keeps_lane(speed))
@@ -82,14 +84,14 @@ def test_an_episode_is_the_drive_of_the_same_policy(speed: float, options: dict[
         assert info["moobd"] == result.moobd
 
 
-def test_vector_says_what_the_driver_sees() -> None:
-    seen: list[Vector] = []
+def test_the_vector_holds_the_drivers_observation() -> None:
+    vectors: list[Vector] = []
 
     class Watched(PolicyDriver):
         def act(self, observation):  # type: ignore[no-untyped-def]
             o = observation
             controls = super().act(o)
-            vector = seen[-1]
+            vector = vectors[-1]
             assert vector[0] == np.float32(o.speed / 40.0)
             assert vector[1] == np.float32((70.0 / 3.6 - o.speed) / 40.0)
             assert vector[2] == np.float32(o.yaw_rate / 2.0)
@@ -102,15 +104,15 @@ def test_vector_says_what_the_driver_sees() -> None:
             return controls
 
     def policy(vector: Vector) -> Vector:
-        seen.append(vector)
+        vectors.append(vector)
         return keeps_lane(8.0)(vector)
 
     for driver in (Watched(policy), LimitedView(Watched(policy), distance=21.0)):
         assert EmbeddedSimulator().drive(ROADS[0], driver).trouble is None
-    assert all(abs(vector).max() <= 1.0 for vector in seen)
+    assert all(abs(vector).max() <= 1.0 for vector in vectors)
 
 
-def test_vector_stays_within_its_limits() -> None:
+def test_the_vector_stays_within_its_limits() -> None:
     env = LaneKeepingEnv(roads=[Road([0.3, -0.3, 0.3, 0.0])], rules=Rules(speed_limit=200.0))
     env.reset(seed=0)
     ended = False
@@ -119,20 +121,20 @@ def test_vector_stays_within_its_limits() -> None:
         assert vector in env.observation_space
 
 
-def test_image_is_what_a_driver_with_that_camera_sees() -> None:
-    seen: list[Any] = []
+def test_the_image_equals_that_of_a_driver_with_the_same_camera() -> None:
+    images: list[Any] = []
 
     class WithCamera(PolicyDriver):
         camera = CAMERA
 
         def act(self, observation):  # type: ignore[no-untyped-def]
-            seen.append(observation.image)
+            images.append(observation.image)
             return super().act(observation)
 
     EmbeddedSimulator().drive(ROADS[0], WithCamera(keeps_lane(8.0)))
     env = LaneKeepingEnv(roads=[ROADS[0]], camera=CAMERA)
     observation, _ = env.reset(seed=0)
-    for image in seen[:30]:
+    for image in images[:30]:
         assert isinstance(observation, dict)
         assert observation in env.observation_space
         assert np.array_equal(observation["image"], image)
@@ -140,19 +142,20 @@ def test_image_is_what_a_driver_with_that_camera_sees() -> None:
 
 
 @pytest.mark.parametrize(("road", "speed"), [(ROADS[0], 8.0), (ROADS[2], 14.0)])
-def test_reward_is_progress_less_leaving_the_lane(road: Road, speed: float) -> None:
+def test_the_reward_is_progress_minus_oob_share(road: Road, speed: float) -> None:
     env = LaneKeepingEnv(roads=[road])
     rewards, *_, info = episode(env, keeps_lane(speed))
     assert info["outcome"] == ("PASS" if speed == 8.0 else "FAIL")
-    seen = assess(road, env.drive())
-    assert seen.oob_share.max() == 0.0 if speed == 8.0 else 0.95 < seen.oob_share.max() < 1.0
-    expected = np.diff(seen.distance) / (70.0 / 3.6 * 0.05) - seen.oob_share[1:]
+    assessment = assess(road, env.drive())
+    largest = assessment.oob_share.max()
+    assert largest == 0.0 if speed == 8.0 else 0.95 < largest < 1.0
+    expected = np.diff(assessment.distance) / (70.0 / 3.6 * 0.05) - assessment.oob_share[1:]
     expected[-1] -= FAILURE * (speed == 14.0)
     assert rewards == pytest.approx(expected.tolist(), abs=1e-12)
-    assert info["distance"] == seen.distance[-1]
+    assert info["distance"] == assessment.distance[-1]
 
 
-def test_progress_beyond_the_speed_limit_brings_no_more() -> None:
+def test_progress_beyond_the_speed_limit_earns_nothing() -> None:
     env = LaneKeepingEnv(roads=[Road([0.0] * 20)], rules=Rules(speed_limit=20.0))
     rewards, *_ = episode(env, lambda _: np.array([0.0, 1.0]))
     assert max(rewards) == 1.0
@@ -171,7 +174,7 @@ def test_a_stuck_car_terminates_and_a_slow_one_is_truncated() -> None:
     assert judge(ROADS[0], env.drive()).reason.startswith("Car took longer")
 
 
-def test_seed_decides_on_random_roads() -> None:
+def test_the_seed_decides_about_random_roads() -> None:
     env = LaneKeepingEnv()
     roads = []
     for seed in (3, 3, 4, None, None):
@@ -180,16 +183,16 @@ def test_seed_decides_on_random_roads() -> None:
         assert env.road.check_validity()
         roads.append(env.road.curvatures)
     assert np.array_equal(roads[0], roads[1])
-    for one, other in itertools.pairwise(roads[1:]):
-        assert not np.array_equal(one, other)
+    for curvatures, following in itertools.pairwise(roads[1:]):
+        assert not np.array_equal(curvatures, following)
 
 
 def test_roads_are_drawn_from_a_list_and_chosen_by_an_option(tmp_path: Path) -> None:
     file = tmp_path / "roads" / "mine.json"
     file.parent.mkdir()
     file.write_text(json.dumps({"curvatures": [0.0, 0.01, 0.02, 0.0]}), encoding="utf-8")
-    given: list[list[Road | Path | str]] = [[ROADS[0], str(file)], [file.parent, ROADS[0]]]
-    for roads in given:
+    lists: list[list[Road | Path | str]] = [[ROADS[0], str(file)], [file.parent, ROADS[0]]]
+    for roads in lists:
         env = LaneKeepingEnv(roads=roads)
         env.reset(seed=1)
         lengths = set()
@@ -204,7 +207,7 @@ def test_roads_are_drawn_from_a_list_and_chosen_by_an_option(tmp_path: Path) -> 
         env.reset(options={"road": "mine.json"})
 
 
-def test_failing_roads_of_a_campaign(tmp_path: Path) -> None:
+def test_a_campaigns_failing_roads_are_drawn(tmp_path: Path) -> None:
     def campaign(name: str, driver: Planner) -> Path:
         folder = tmp_path / name
         Campaign(
@@ -233,12 +236,12 @@ def test_failing_roads_of_a_campaign(tmp_path: Path) -> None:
         ({"camera": {"width": 20}}, "camera"),
     ],
 )
-def test_options_out_of_range(options: dict[str, Any], message: str) -> None:
+def test_invalid_options_are_refused(options: dict[str, Any], message: str) -> None:
     with pytest.raises((FreneticError, ValueError), match=message):
         LaneKeepingEnv(**options)
 
 
-def test_steps_that_cannot_be_taken() -> None:
+def test_invalid_steps_are_refused() -> None:
     env = LaneKeepingEnv(roads=[ROADS[0]], rules=Rules(stuck_time=0.1))
     with pytest.raises(gymnasium.error.ResetNeeded):
         env.step(np.zeros(2, np.float32))
@@ -255,7 +258,7 @@ def test_steps_that_cannot_be_taken() -> None:
         env.step(np.zeros(2, np.float32))
 
 
-def test_without_gymnasium_it_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_error_names_the_missing_extra(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "gymnasium", None)
     monkeypatch.delitem(sys.modules, "frenetic.plugins.gym")
     with pytest.raises(FreneticError, match=r'pip install "\.\[gym\]"'):

@@ -28,7 +28,7 @@ def random_roads(count: int) -> list[Road]:
 
 
 class Fixed:
-    """Does the same all the time, from a given time on."""
+    """Repeats its controls from a time on, in s; other controls before."""
 
     def __init__(self, controls: Controls, since: float = 0.0, before: Controls | None = None):
         self.controls, self.since, self.before = controls, since, before or Controls(0.0)
@@ -45,8 +45,8 @@ def digest(drive: Drive) -> str:
 
 
 def run(code: str, **environment: str) -> str:
-    """Output of Python code in a process of its own."""
-    done = subprocess.run(
+    """Run Python code in another process; return its output."""
+    process = subprocess.run(
         [sys.executable, "-W", "error", "-c", code],
         cwd=Path(__file__).parent,
         env=os.environ | environment,
@@ -54,6 +54,6 @@ def run(code: str, **environment: str) -> str:
         text=True,
         check=False,
     )
-    assert done.returncode == 0, done.stderr
-    assert not done.stderr
-    return done.stdout
+    assert process.returncode == 0, process.stderr
+    assert not process.stderr
+    return process.stdout

@@ -1,6 +1,6 @@
-"""MetaDrive as a simulator: the contract, its beginning and end, and what goes wrong.
+"""MetaDrive as a simulator: the contract, start and end, errors.
 
-No part of MetaDrive is replaced; one engine after the other runs in this process.
+No part of MetaDrive is replaced; engines run in this process, one after the other.
 """
 
 from __future__ import annotations
@@ -60,7 +60,7 @@ def test_options_out_of_range_are_refused() -> None:
             make(**{name: value})  # type: ignore[arg-type]
 
 
-def test_another_car_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_car_of_another_length_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     with monkeypatch.context() as patch:
         patch.setattr(StaticDefaultVehicle, "DEFAULT_LENGTH", 5.0)
         with pytest.raises(FreneticError, match=r"another length, 5 instead of 4\.515: install"):
@@ -69,7 +69,7 @@ def test_another_car_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
         assert judge(WINDING, simulator.drive(WINDING, Stanley())).outcome is Outcome.PASS
 
 
-def test_engine_ends_with_the_simulator_whatever_happens() -> None:
+def test_the_engine_ends_with_the_simulator_also_after_an_exception() -> None:
     simulator = MetaDriveSimulator()
 
     def interrupted() -> None:
@@ -84,7 +84,7 @@ def test_engine_ends_with_the_simulator_whatever_happens() -> None:
         simulator.drive(STRAIGHT, Stanley())
 
 
-def test_one_engine_per_process() -> None:
+def test_a_second_engine_in_a_process_is_refused() -> None:
     with MetaDriveSimulator() as simulator:
         with pytest.raises(FreneticError, match="a MetaDrive engine is running in this process"):
             MetaDriveSimulator().__enter__()
@@ -108,7 +108,7 @@ def test_broken_physics_is_the_simulators_fault() -> None:
         assert judge(STRAIGHT, simulator.drive(STRAIGHT, Stanley())).outcome is Outcome.PASS
 
 
-def test_missing_package_is_said_in_one_line() -> None:
+def test_an_error_names_the_missing_package_in_one_line() -> None:
     code = (
         "import sys\n"
         "sys.modules['metadrive'] = None\n"
@@ -125,7 +125,7 @@ def test_missing_package_is_said_in_one_line() -> None:
     ]
 
 
-def test_nothing_imports_metadrive_before_it_is_needed() -> None:
+def test_metadrive_is_imported_only_when_needed() -> None:
     code = (
         "import sys, frenetic, frenetic.plugins.metadrive\n"
         "from frenetic.parts.registry import DRIVERS, SIMULATORS\n"
@@ -136,10 +136,10 @@ def test_nothing_imports_metadrive_before_it_is_needed() -> None:
 
 
 class Screenless(BaseSensor):  # type: ignore[misc]
-    """A camera as MetaDrive's, without a screen: it shows points, projected by Panda3D."""
+    """A camera like MetaDrive's that needs no screen: it shows points, projected by Panda3D."""
 
     points: tuple[tuple[float, float], ...] = ()
-    """On the ground, in m from the road's start."""
+    """Points on the ground, in m from the road's start."""
 
     def __init__(self, width: int, height: int, engine: object) -> None:
         self.size = (height, width)
@@ -159,34 +159,35 @@ class Screenless(BaseSensor):  # type: ignore[misc]
         eye.setHpr(*hpr)
         picture = np.zeros((height, width, 3), np.uint8)
         for x, y in self.points:
-            seen = Point2()
+            projection = Point2()
             place = eye.getRelativePoint(get_engine().render, LPoint3(x, y, 0.0))
-            if self.lens.project(place, seen):  # it is in view
-                row, column = (1.0 - seen[1]) / 2.0 * height, (1.0 + seen[0]) / 2.0 * width
+            if self.lens.project(place, projection):  # it is in view
+                row = (1.0 - projection[1]) / 2.0 * height
+                column = (1.0 + projection[0]) / 2.0 * width
                 picture[int(row), int(column)] = (10, 20, 30)  # blue, green, red
         eye.removeNode()
         return picture
 
 
-def test_driver_sees_through_a_camera_on_the_car(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_driver_sees_through_a_camera_on_the_car(monkeypatch: pytest.MonkeyPatch) -> None:
     class Seeing(Stanley):
         camera = Camera(width=64, height=48, field_of_view=70.0, left=0.5, up=2.0, pitch=20.0)
 
         def act(self, observation: Observation) -> Controls:
-            seen.append(observation.image)
+            images.append(observation.image)
             return super().act(observation)
 
     def screenless(camera: Camera, region: int) -> dict[str, object]:
         assert region == 256
         return {"sensors": {world.CAMERA: (Screenless, camera.width, camera.height)}}
 
-    seen: list[np.ndarray | None] = []
+    images: list[np.ndarray | None] = []
     road, camera = WINDING, Seeing.camera
     direction = road.pose.heading
     ahead = np.array([math.cos(direction), math.sin(direction)])
     right = np.array([ahead[1], -ahead[0]])
     car = 0.5 * road.lane_width * right  # from the road's start
-    # What the pixels in row and column see of the ground.
+    # Rows and columns of pixels, and the points on the ground that they show.
     pixels = [(20, 10), (30, 50), (40, 32)]
     rays = camera.rays_through(*np.array(pixels).T)
     scale = -camera.up / rays[:, 2:]
@@ -198,14 +199,14 @@ def test_driver_sees_through_a_camera_on_the_car(monkeypatch: pytest.MonkeyPatch
         first = simulator.drive(road, Seeing())
         assert digest(simulator.drive(road, Stanley())) == blind
     assert digest(first) == blind
-    image = seen[0]
+    image = images[0]
     assert image is not None
     assert image.shape == camera.shape
     assert not image.flags.writeable
-    found = [(int(row), int(column)) for row, column in np.argwhere(image.any(axis=2))]
-    assert found == pixels
-    assert image[found[0]].tolist() == [30, 20, 10]
-    assert len(seen) > 100
+    drawn = [(int(row), int(column)) for row, column in np.argwhere(image.any(axis=2))]
+    assert drawn == pixels
+    assert image[drawn[0]].tolist() == [30, 20, 10]
+    assert len(images) > 100
 
 
 def test_cameras_are_refused_where_metadrive_cannot_draw(
@@ -239,7 +240,7 @@ def test_cameras_are_refused_where_metadrive_cannot_draw(
     drawing._opens_buffers.cache_clear()
 
 
-def test_region_that_is_drawn_holds_the_road() -> None:
+def test_the_drawn_region_holds_the_road() -> None:
     regions = [drawing.drawn_region(Road([0.0] * n)) for n in (3, 12, 14, 50, 100)]
     assert regions == [256, 256, 512, 1024, 2048]
     with pytest.raises(FreneticError, match=r"the road reaches \d+ m from its start: MetaDrive"):

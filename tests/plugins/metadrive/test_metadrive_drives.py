@@ -1,4 +1,4 @@
-"""How cars drive in MetaDrive: its physics, its map, its own drivers; one engine for all tests.
+"""Drives in MetaDrive: physics, map and MetaDrive's drivers, with one engine for all tests.
 
 No part of MetaDrive is replaced.
 """
@@ -47,7 +47,7 @@ def simulator() -> Iterator[MetaDriveSimulator]:
         yield simulator
 
 
-def test_full_throttle_accelerates_as_drivers_are_told(simulator: MetaDriveSimulator) -> None:
+def test_full_throttle_gives_the_setups_acceleration(simulator: MetaDriveSimulator) -> None:
     driver = Fixed(Controls(0.0, throttle=1.0))
     t = simulator.drive(STRAIGHT, driver).trajectory
     acceleration = (t.speed[60] - t.speed[20]) / 2.0
@@ -55,41 +55,43 @@ def test_full_throttle_accelerates_as_drivers_are_told(simulator: MetaDriveSimul
 
 
 class Accelerating:
-    """Asks for one acceleration after the other."""
+    """Demands several accelerations in turn."""
 
-    ASKED = (2.0, 2.8, -2.0, 1.0, -5.0, 2.5, -0.5)
+    DEMANDS = (2.0, 2.8, -2.0, 1.0, -5.0, 2.5, -0.5)
 
     def reset(self, setup: DriveSetup) -> None:
-        self.setup, self.asked = setup, list[float]()
+        self.setup, self.demands = setup, list[float]()
 
     def act(self, observation: Observation) -> Controls:
-        self.asked.append(self.ASKED[int(observation.time / 1.5) % len(self.ASKED)])
-        speed, wanted = observation.speed, self.asked[-1]
+        self.demands.append(self.DEMANDS[int(observation.time / 1.5) % len(self.DEMANDS)])
+        speed, wanted = observation.speed, self.demands[-1]
         return Controls.from_acceleration(wanted, 0.0, speed=speed, setup=self.setup)
 
 
-def test_an_asked_acceleration_is_reached(simulator: MetaDriveSimulator) -> None:
+def test_a_demanded_acceleration_is_reached(simulator: MetaDriveSimulator) -> None:
     driver = Accelerating()
     t = simulator.drive(STRAIGHT, driver).trajectory
     rolling = t.speed[:-1] > 0.5
-    reached, asked = np.diff(t.speed) / 0.05, np.array(driver.asked[: len(t) - 1])
-    np.testing.assert_allclose(reached[rolling], asked[rolling], rtol=0.02, atol=0.01)
-    assert len(set(asked[rolling])) == len(driver.ASKED)
+    reached, demanded = np.diff(t.speed) / 0.05, np.array(driver.demands[: len(t) - 1])
+    np.testing.assert_allclose(reached[rolling], demanded[rolling], rtol=0.02, atol=0.01)
+    assert len(set(demanded[rolling])) == len(driver.DEMANDS)
 
 
 @pytest.mark.parametrize("pedal", [0.25, 1.0])
-def test_brake_slows_as_drivers_are_told(simulator: MetaDriveSimulator, pedal: float) -> None:
+def test_the_brake_gives_the_setups_deceleration(
+    simulator: MetaDriveSimulator, pedal: float
+) -> None:
     driver = Fixed(Controls(0.0, brake=pedal), 4.0, Controls(0.0, throttle=1.0))
     t = simulator.drive(STRAIGHT, driver).trajectory
     deceleration = (t.speed[82] - t.speed[86]) / 0.2
     assert deceleration == pytest.approx(pedal * driver.setup.max_deceleration, rel=0.03)
 
 
-def test_wheels_turn_the_car_as_geometry_has_it(simulator: MetaDriveSimulator) -> None:
+def test_wheels_turn_the_car_as_geometry_demands(simulator: MetaDriveSimulator) -> None:
     # At 3 m/s the tyres do not slide: the yaw rate is v tan(angle) / wheelbase.
     driver = Fixed(Controls(0.2), 1.0, Controls(0.0, throttle=1.0))
     t = simulator.drive(STRAIGHT, driver).trajectory
-    assert np.array_equal(t.steering[1:], t.steering_input[:-1])  # at once, as drivers are told:
+    assert np.array_equal(t.steering[1:], t.steering_input[:-1])  # at once, as the setup says
     assert (driver.setup.steering_rate, driver.setup.steering_lag) == (math.inf, 0.0)
     assert driver.setup.front_cornering_stiffness is None
     expected = t.speed[28] * math.tan(0.2) / driver.setup.wheelbase
@@ -119,7 +121,7 @@ def test_road_becomes_a_map_with_two_opposite_lanes(simulator: MetaDriveSimulato
     for lane, centre in ((ego, road.sample(1.0, -1.5)), (other, road.sample(1.0, 1.5)[::-1])):
         places = np.array([lane.local_coordinates(point - origin) for point in centre])
         assert np.abs(places[:, 1]).max() < 0.02
-        assert np.all(np.diff(places[:, 0]) > 0.0), "points in the lane's direction"
+        assert np.all(np.diff(places[:, 0]) > 0.0), "distances grow in the lane's direction"
         widths = np.linalg.norm(
             lane.polygon[: len(lane.polygon) // 2] - lane.polygon[::-1][: len(lane.polygon) // 2],
             axis=1,
@@ -127,7 +129,7 @@ def test_road_becomes_a_map_with_two_opposite_lanes(simulator: MetaDriveSimulato
         assert widths == pytest.approx(np.full(len(widths), 3.0), abs=1e-6)
 
 
-def test_place_of_the_road_changes_nothing(simulator: MetaDriveSimulator) -> None:
+def test_the_roads_position_does_not_change_a_drive(simulator: MetaDriveSimulator) -> None:
     here = simulator.drive(WINDING, Planner()).trajectory
     pose = Pose(WINDING.pose.x + 40_000.0, WINDING.pose.y - 7_000.0, WINDING.pose.heading)
     there = simulator.drive(Road(WINDING.curvatures, pose=pose), Planner()).trajectory
@@ -135,7 +137,9 @@ def test_place_of_the_road_changes_nothing(simulator: MetaDriveSimulator) -> Non
     assert there.y + 7_000.0 == pytest.approx(here.y, abs=1e-3)
 
 
-def test_same_drive_after_others_and_in_another_process(simulator: MetaDriveSimulator) -> None:
+def test_a_drive_repeats_after_other_drives_and_in_another_process(
+    simulator: MetaDriveSimulator,
+) -> None:
     drivers: list[Driver] = [Stanley(), Planner(), MetaDriveIdm(), MetaDriveExpert()]
     roads = [WINDING, *random_roads(2)]
     first = [digest(simulator.drive(roads[0], driver)) for driver in drivers]
@@ -200,26 +204,26 @@ def test_expert_drives_gentle_roads(simulator: MetaDriveSimulator) -> None:
         assert result.moobd > 0.0
 
 
-def test_expert_is_metadrives_own(simulator: MetaDriveSimulator) -> None:
-    # Against MetaDrive's function on the states of a drive, which asks for a newly made observer.
+def test_the_expert_decides_like_metadrives_function(simulator: MetaDriveSimulator) -> None:
+    # MetaDrive's function reads the state of a drive. Without weights it makes a new observer.
     numpy_expert._expert_weights = None
     simulator.drive(WINDING, Fixed(Controls(0.05, throttle=0.5)))
     world = simulator._world
     assert world is not None
     policy = make_policy(MetaDriveExpert(), world)
     for _ in range(5):
-        mine = policy.act(70.0)
+        decision = policy.act(70.0)
         steering, throttle_brake = numpy_expert.expert(world.vehicle, deterministic=True)
-        assert mine.action == pytest.approx(
+        assert decision.action == pytest.approx(
             np.clip((steering, throttle_brake), -1.0, 1.0), abs=1e-5
         )
-        world.steer(*mine.action)
+        world.steer(*decision.action)
         world.advance(6)
     policy.close()
 
 
 def test_pieces_of_a_road_are_its_arcs() -> None:
-    # A circle of radius 50 m to the left: the ego lane's is 52 m.
+    # A circle of radius 50 m to the left: the ego lane's radius is 52 m.
     road = Road(np.full(13, 1.0 / 50.0), pose=Pose(7.0, 8.0, 0.0))
     pieces = pieces_of(road)
     assert [piece.radius for piece in pieces] == pytest.approx([52.0] * 3)
@@ -240,7 +244,7 @@ def test_idm_refuses_other_simulators() -> None:
 
 
 class Compared:
-    """Drives by its observations, and keeps what the expert would see by them and in MetaDrive."""
+    """Stores the expert's input, computed from observations and read from MetaDrive."""
 
     def __init__(self, simulator: MetaDriveSimulator) -> None:
         self.simulator = simulator
@@ -256,15 +260,15 @@ class Compared:
         vehicle = self.simulator._world.vehicle
         vehicle.after_step()
         turned = 0.0 if math.isnan(self.heading) else observation.heading - self.heading
-        ours = state_of(observation, self.setup, self.action, turned)
-        self.pairs.append((observation.distance, self.sensor.observe(vehicle), ours))
+        state = state_of(observation, self.setup, self.action, turned)
+        self.pairs.append((observation.distance, self.sensor.observe(vehicle), state))
         back = -0.8 * observation.heading_error - 0.2 * observation.lateral_offset
         self.action = (back, 0.3 if observation.speed < 9.0 else 0.0)
         self.heading = observation.heading
         return Controls(*Decision.of_action(*self.action))
 
 
-def test_an_observation_has_what_the_expert_sees_in_metadrive(
+def test_an_observation_gives_the_experts_input(
     simulator: MetaDriveSimulator,
 ) -> None:
     winding = [0.0, 0.0, 0.01, 0.02, 0.02, 0.0, -0.02, -0.03, -0.01, 0.0, 0.0, 0.03, 0.05, 0.03]
@@ -272,33 +276,34 @@ def test_an_observation_has_what_the_expert_sees_in_metadrive(
     driver = Compared(simulator)
     drive = simulator.drive(road, driver)
     assert drive.trouble is None, drive.trouble
-    # The last piece of 40 m is described twice in MetaDrive: our road goes on.
-    pairs = [(there, here) for distance, there, here in driver.pairs if distance < 115.0]
+    # MetaDrive describes the last piece of 40 m twice, our observation describes the road ahead.
+    pairs = [(sensed, state) for distance, sensed, state in driver.pairs if distance < 115.0]
     assert len(pairs) > 200
-    differences = np.abs([there - here for there, here in pairs]).max(axis=0)
+    differences = np.abs([sensed - state for sensed, state in pairs]).max(axis=0)
     # The heading of MetaDrive's lane jumps from point to point of a line.
     assert differences[2] < 0.02
     assert np.delete(differences, 2).max() < 0.003
 
 
-class Asked:
-    """A driver that its simulator does not recognise: it is asked by observations."""
+class ObservingExpert:
+    """The expert, unrecognised by the simulator, so that it gets observations."""
 
     def __init__(self, driver: MetaDriveExpert) -> None:
         self.reset, self.act, self.period = driver.reset, driver.act, driver.period
 
 
-def test_expert_drives_by_observations_as_in_metadrives_world(
+def test_the_expert_drives_alike_by_observations(
     simulator: MetaDriveSimulator,
 ) -> None:
     bends = [0.0, 0.0, 0.01, 0.02, 0.02, 0.0, -0.02, -0.03, -0.01, 0.0]
     road = Road([*bends, *bends, *bends, 0.0, 0.0, 0.0])  # 320 m
-    own, asked = (
+    direct, observing = (
         simulator.drive(road, driver).trajectory
-        for driver in (MetaDriveExpert(), Asked(MetaDriveExpert()))
+        for driver in (MetaDriveExpert(), ObservingExpert(MetaDriveExpert()))
     )
-    # Then it brakes harder than a driver of ours can.
-    apart = np.hypot(*(np.array([own.x[:285], own.y[:285]]) - [asked.x[:285], asked.y[:285]]))
+    # From step 285 on the expert brakes harder than our controls allow.
+    path = np.array([direct.x[:285], direct.y[:285]])
+    apart = np.hypot(*(path - [observing.x[:285], observing.y[:285]]))
     assert apart.max() < 0.3
 
 
@@ -314,15 +319,17 @@ def test_wrappers_over_metadrives_drivers_are_refused(simulator: MetaDriveSimula
     assert judge(WINDING, drive).outcome is Outcome.ERROR
 
 
-def test_embedded_simulator_has_metadrives_car(simulator: MetaDriveSimulator) -> None:
+def test_the_embedded_simulator_has_metadrives_car(simulator: MetaDriveSimulator) -> None:
     twin = EmbeddedSimulator(vehicle="metadrive")
     assert twin.vehicle == Vehicle.named("metadrive")
     assert twin.car.length == simulator.car.length
     assert twin.car.centre_ahead == pytest.approx(simulator.car.centre_ahead)
-    assert abs(simulator.car.centre_ahead) < 1e-9  # Bullet's centre of mass is the box's
+    assert (
+        abs(simulator.car.centre_ahead) < 1e-9
+    )  # Bullet's centre of mass is the middle of the box
     for road in (STRAIGHT, WINDING):
         here, there = (judge(road, s.drive(road, Stanley())) for s in (twin, simulator))
         assert here.outcome is there.outcome is Outcome.PASS
         assert here.moobd == pytest.approx(there.moobd, abs=0.1)
-        # Slower to start, see `CARS`.
+        # The embedded car starts more slowly, see `CARS`.
         assert here.duration == pytest.approx(there.duration, abs=1.5)

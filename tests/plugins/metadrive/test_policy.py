@@ -1,4 +1,4 @@
-"""Policies of one's own, with MetaDrive's observation; no MetaDrive runs but for one test."""
+"""A user's policies on MetaDrive's observation; MetaDrive runs in one test only."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def name_of(layer: str, part: str) -> str:
 
 
 def unmirrored() -> dict[str, npt.NDArray[Any]]:
-    """The expert's network for the observation as MetaDrive gives it today: w (1 - x) = w - w x."""
+    """Return the expert's network for today's observation, 1 - x for x: w (1 - x) = w - w x."""
     network = {name: array.copy() for name, array in weights().items()}
     kernel, bias = (network[name_of("fc_1", part)] for part in ("kernel", "bias"))
     bias += kernel[[10, 15]].sum(axis=0)
@@ -47,7 +47,7 @@ def write_npz(path: Path, network: Arrays) -> Path:
 
 
 def write_onnx(path: Path, network: Arrays, shape: tuple[int | str, ...] = (1, 275)) -> Path:
-    """The same as a graph; without its spreads."""
+    """Write a network as ONNX, without its standard deviations."""
     nodes, tensors, value = [], [], "seen"
     for layer in LAYERS:
         kernel, bias = (network[name_of(layer, part)] for part in ("kernel", "bias"))
@@ -94,7 +94,7 @@ def rows(simulator: Simulator, driver: Driver, road: Road = WINDING) -> npt.NDAr
     return drive.trajectory.to_rows()
 
 
-def test_the_experts_weights_drive_as_the_expert_does(tmp_path: Path) -> None:
+def test_the_experts_weights_drive_like_the_expert(tmp_path: Path) -> None:
     files = [
         write(tmp_path / name, unmirrored())
         for name, write in (("mine.npz", write_npz), ("mine.onnx", write_onnx))
@@ -102,15 +102,15 @@ def test_the_experts_weights_drive_as_the_expert_does(tmp_path: Path) -> None:
     policies = [policy(file) for file in files]
     for file in files:
         file.unlink()
-    policies += [pickle.loads(pickle.dumps(one)) for one in policies]
+    policies += [pickle.loads(pickle.dumps(driver)) for driver in policies]
     with MetaDriveSimulator() as metadrive:
         for simulator in (EmbeddedSimulator(), metadrive):
             wanted = rows(simulator, MetaDriveExpert())
-            for one in policies:
-                np.testing.assert_allclose(rows(simulator, one), wanted, rtol=0, atol=0.01)
+            for driver in policies:
+                np.testing.assert_allclose(rows(simulator, driver), wanted, rtol=0, atol=0.01)
 
 
-# What is refused, in a line
+# Refused files
 
 
 def changed(part: str, layer: str, array: Any) -> Any:
@@ -118,7 +118,7 @@ def changed(part: str, layer: str, array: Any) -> Any:
 
 
 def small() -> dict[str, npt.NDArray[Any]]:
-    """A network of other sizes than the expert's."""
+    """Return a network whose sizes differ from the expert's network."""
     sizes = dict(zip(LAYERS, ((275, 3), (3, 5), (5, 2)), strict=True))
     return {
         name_of(layer, part): np.zeros(size[:2] if part == "kernel" else size[1:])
@@ -180,7 +180,7 @@ REFUSED: list[tuple[str, Any, str]] = [
 
 
 @pytest.mark.parametrize(("name", "make", "message"), REFUSED)
-def test_a_file_that_holds_no_policy_is_refused_in_a_line(
+def test_a_file_without_a_policy_is_refused_in_one_line(
     name: str, make: Any, message: str, tmp_path: Path
 ) -> None:
     file = tmp_path / name
@@ -198,9 +198,9 @@ def test_a_network_of_other_sizes_drives(tmp_path: Path) -> None:
     assert drive.trajectory.speed.max() > 3.0
 
 
-def test_numbers_that_are_none_end_a_drive_with_their_reason(tmp_path: Path) -> None:
+def test_non_finite_output_ends_the_drive(tmp_path: Path) -> None:
     network = small()
-    for layer in LAYERS:  # far too large where a number that it sees is not 0
+    for layer in LAYERS:  # infinite where an input is not 0
         network[name_of(layer, "kernel")][:] = 1e308
     drive = EmbeddedSimulator().drive(WINDING, policy(write_npz(tmp_path / "m.npz", network)))
     assert drive.trouble is not None

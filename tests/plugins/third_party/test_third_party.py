@@ -1,4 +1,4 @@
-"""Third-party drivers: the contract, and roads on which a fault of the glue shows."""
+"""Third-party drivers: the contract, and roads that reveal an error of the adapter."""
 
 from __future__ import annotations
 
@@ -23,27 +23,25 @@ MODULES = {
     "rox-control": "rox_control",
     "fiss-planner": "fiss_planner",
 }
-"""Driver, and so extra -> module of its package."""
+"""Driver, whose name is also the extra -> module of its package."""
 CARS: dict[str, type[OwnCar]] = {
     "highway-env": HighwayEnvCar,
     "opendbc": OpendbcCar,
     "rox-control": RoxCar,
     "fiss-planner": FissCar,
 }
-KEEPS = {
+LARGEST_OFFSET = {
     "highway-env": 0.2,
     "opendbc": 0.15,
     "rox-control": 0.1,
     "fiss-planner": 0.1,
 }
-"""Distance from the lane's centre that it keeps on all these roads, in m."""
-
-
+"""Driver -> its largest distance from the lane's centre on the contract's roads, in m."""
 UNAVAILABLE = {"opendbc": sys.version_info >= (3, 13), "fiss-planner": sys.platform == "win32"}
 """Driver -> whether its package cannot be installed here."""
 
 
-def among(names: Any) -> list[Any]:
+def heavy_drivers(names: Any) -> list[Any]:
     """Return the drivers as heavy parameters, skipped where their package cannot be installed."""
     return [
         pytest.param(
@@ -60,12 +58,12 @@ def among(names: Any) -> list[Any]:
 
 
 class TestContract(TrackerContract):
-    """In its own package's car."""
+    """Each driver in the car of its package."""
 
-    @pytest.fixture(autouse=True, params=among(MODULES))
+    @pytest.fixture(autouse=True, params=heavy_drivers(MODULES))
     def _named(self, request: pytest.FixtureRequest) -> None:
         self.name = request.param
-        self.keeps = KEEPS[self.name]
+        self.keeps = LARGEST_OFFSET[self.name]
 
     def make(self) -> Driver:
         driver: Driver = DRIVERS.make(self.name)
@@ -75,9 +73,9 @@ class TestContract(TrackerContract):
         return CARS[self.name](rules=Rules(speed_limit=36.0))
 
 
-@pytest.mark.parametrize("name", among(MODULES))
-def test_it_slows_down_for_bends_as_far_as_it_is_told(name: str) -> None:
-    """On a circle of 50 m, the option `lateral` says how fast; 100 leaves the speed limit."""
+@pytest.mark.parametrize("name", heavy_drivers(MODULES))
+def test_the_option_lateral_limits_the_speed_in_bends(name: str) -> None:
+    """On a circle of 50 m, `lateral` decides about the speed; with 100 the speed limit does."""
     fastest = {}
     for lateral in (1.0, 100.0):
         driver = DRIVERS.make(name, lateral=lateral)
@@ -90,9 +88,7 @@ def test_it_slows_down_for_bends_as_far_as_it_is_told(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", MODULES)
-def test_without_its_package_it_says_what_to_install(
-    name: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_an_error_names_the_missing_package(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     for module in [m for m in sys.modules if m.partition(".")[0] == MODULES[name]]:
         monkeypatch.delitem(sys.modules, module)
     monkeypatch.setitem(sys.modules, MODULES[name], None)
@@ -101,7 +97,7 @@ def test_without_its_package_it_says_what_to_install(
 
 
 class Steady:
-    """Keeps the wheels and the speed."""
+    """Holds the wheels' angle, and 8 m/s."""
 
     def __init__(self, steering: float) -> None:
         self.steering = steering
@@ -116,15 +112,15 @@ class Steady:
         )
 
 
-@pytest.mark.parametrize("name", among(CARS))
-def test_the_packages_cars_turn_as_their_wheels_say(name: str) -> None:
-    """A kinematic car turns by speed / wheelbase times the tangent of the wheels' angle."""
+@pytest.mark.parametrize("name", heavy_drivers(CARS))
+def test_the_packages_cars_turn_by_their_wheels_angle(name: str) -> None:
+    """A kinematic car's yaw rate is speed / wheelbase times the tangent of the wheels' angle."""
     simulator = CARS[name](rules=Rules(timeout_base=8.0, timeout_speed=1e3))
     path = simulator.drive(ROADS["straight"], Steady(0.01)).trajectory
     setup = simulator.setup(ROADS["straight"])
     expected = path.speed[-1] * math.tan(0.01) / setup.wheelbase
     assert path.speed[-1] == pytest.approx(8.0, abs=0.1)
-    # opendbc's car has tyres, by which it understeers: at 8 m/s it turns 6 % less.
+    # opendbc's car has tyres and understeers: at 8 m/s it turns 6 % less.
     assert path.yaw_rate[-1] == pytest.approx(expected, rel=0.1 if name == "opendbc" else 0.01)
     assert np.diff(path.heading)[-1] == pytest.approx(path.yaw_rate[-1] * 0.05, rel=0.02)
     moved = math.hypot(np.diff(path.x)[-1], np.diff(path.y)[-1])
@@ -133,7 +129,7 @@ def test_the_packages_cars_turn_as_their_wheels_say(name: str) -> None:
     )
 
 
-@pytest.mark.parametrize("name", among(CARS))
+@pytest.mark.parametrize("name", heavy_drivers(CARS))
 def test_a_lag_delays_the_wheels_of_the_packages_cars(name: str) -> None:
     simulator = CARS[name](rules=Rules(timeout_base=0.5, timeout_speed=1e3), steering_lag=0.2)
     path = simulator.drive(ROADS["straight"], Steady(0.02)).trajectory

@@ -1,4 +1,4 @@
-"""Campaigns, and measures of campaigns, for the tests of measuring and comparing."""
+"""Campaigns and their measures, as samples for the tests of analysis."""
 
 from __future__ import annotations
 

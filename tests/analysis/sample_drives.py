@@ -1,4 +1,4 @@
-"""Drives that are made by hand: the car is where a test puts it."""
+"""Sample drives, in which a test decides where the car is."""
 
 from __future__ import annotations
 
@@ -68,7 +68,7 @@ def departing(
         place: m along the road.
         side: side of the lane.
         speeds: m/s at the start and at the place, linear in between.
-        swing: m to the left in the middle of the way.
+        swing: m to the left halfway to the place.
     """
     places = np.arange(0.0, place + 0.25, 0.5)
     sign = 1.0 if side == "left" else -1.0
