@@ -1,4 +1,4 @@
-"""How all tests run: on every core, and alike whatever the process is like that starts them."""
+"""How tests run: on every core, and independently of the process that starts them."""
 
 from __future__ import annotations
 
@@ -17,21 +17,21 @@ from typing import Any
 import pytest
 from agreements import FOLDER, Agreements
 
-# As the command line does, before numpy is imported.
+# As the command line does: it has to be set before numpy is imported.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-# Likewise; what is imported lives as long as the process.
+# As the command line does, too: imported objects live as long as the process.
 gc.set_threshold(50_000)
 
 HERE = Path(__file__).parent
 DURATIONS = HERE / "durations.txt"
 APART = "test_docs.py"
-"""File whose tests share nothing that takes long to make: any process may take any of them."""
+"""File whose tests share no slow fixture: each test may run in any process."""
 CALLERS = (
     *("CLICOLOR", "CLICOLOR_FORCE", "COLORTERM", "COLUMNS", "FORCE_COLOR", "LINES", "NO_COLOR"),
     *("TERM", "TTY_COMPATIBLE", "TTY_INTERACTIVE", "MATPLOTLIBRC", "MPLBACKEND", "PYTHONWARNINGS"),
     *("BNG_HOME", "FRENETIC_SEED", "FRENETIC_STRATEGY_OPTIONS"),
 )
-"""Variables by which a caller says what programs are to look like and to use."""
+"""Environment variables of a caller that change a program's look or parts."""
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
@@ -47,9 +47,9 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 # Heavy tests
 
 HEAVY = "heavy, run by pytest --all"
-"""Reason to skip a test that is marked so."""
+"""Reason to skip a test with the mark ``heavy``."""
 HEAVY_FILE = re.compile(r"^pytestmark = .*\bheavy\b", re.MULTILINE)
-"""Line of a file all of whose tests are heavy."""
+"""Line of a file in which all tests are heavy."""
 
 
 def pytest_runtest_setup(item: pytest.Item) -> None:
@@ -58,7 +58,7 @@ def pytest_runtest_setup(item: pytest.Item) -> None:
 
 
 class TestFile(pytest.Module):
-    """Test file; without `--all`, a heavy one whose packages are not installed is skipped."""
+    """Test file; without `--all`, a heavy file whose packages are missing is skipped."""
 
     def collect(self) -> Iterable[pytest.Item | pytest.Collector]:
         try:
@@ -83,9 +83,9 @@ def pytest_pycollect_makemodule(module_path: Path, parent: pytest.Collector) -> 
 
 
 def pytest_xdist_auto_num_workers(config: pytest.Config) -> int:
-    """Two processes per core for all tests; none for chosen ones, which begin at once so.
+    """Return two processes per core for all tests, none for chosen tests, which start at once.
 
-    About half of the time a test waits: for a process that it starts, kills or lets time out.
+    Tests wait for about half of their time: for processes that they start, kill or let time out.
     """
     chosen = {Path(name).resolve() for name in config.args}
     cores = len(os.sched_getaffinity(0)) if sys.platform == "linux" else os.cpu_count() or 1
@@ -96,7 +96,7 @@ def pytest_configure(config: pytest.Config) -> None:
     if hasattr(config, "workerinput"):
         return
     if config.getoption("numprocesses", None):
-        # Kernels are compiled once, before the processes start that would all compile them.
+        # Compile the kernels once, before the processes start, each of which would compile them.
         load = "from interpreters import load_kernels; load_kernels()"
         path = os.pathsep.join([str(HERE / "shared"), os.environ.get("PYTHONPATH", "")])
         environment = os.environ | {"PYTHONPATH": path}
@@ -109,7 +109,7 @@ def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
     from xdist.scheduler.loadscope import LoadScopeScheduling  # type: ignore[import-untyped]
 
     class ByFile(LoadScopeScheduling):  # type: ignore[misc]
-        """A process takes a file at a time, as its tests share what takes long to make."""
+        """Gives a process a file at a time, as tests of a file share slow fixtures."""
 
         def _split_scope(self, nodeid: str) -> str:
             file = file_of(nodeid)
@@ -120,19 +120,19 @@ def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """The longest files come first, and new ones, so that all processes end together."""
+    """Sort new files and the longest to the front, so that all processes end together."""
     if hasattr(config, "workerinput"):
         seconds = kept_durations()
         items.sort(key=lambda item: -seconds.get(file_of(item.nodeid), math.inf))
 
 
 def pytest_collection_finish() -> None:
-    """What is there now stays: the garbage collector need not look through it again and again."""
+    """Exempt all present objects from garbage collection: they live as long as the process."""
     gc.freeze()
 
 
 class Durations:
-    """Writes down how long the tests of each file took; files that did not run keep theirs."""
+    """Writes how long the tests of each file took; files that did not run keep their time."""
 
     def __init__(self) -> None:
         self.seconds: Counter[str] = Counter()
@@ -148,7 +148,7 @@ class Durations:
 
 
 def kept_durations() -> dict[str, float]:
-    """The s that the tests of each file took."""
+    """Return the time that the tests of each file took, in s."""
     lines = DURATIONS.read_text(encoding="utf-8").splitlines()
     return {file: float(number) for number, file in map(str.split, lines)}
 
@@ -157,14 +157,14 @@ def file_of(nodeid: str) -> str:
     return nodeid.partition("::")[0]
 
 
-# Alike for every caller
+# The same for every caller
 
 
 @pytest.fixture(scope="session", autouse=True)
-def _whoever_calls(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
-    """Neither the caller's variables and files nor the signals that it ignores reach a test.
+def _independent_of_caller(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
+    """Hide the caller's variables, files and ignored signals from tests.
 
-    `nohup` ignores SIGHUP and a script's background job SIGINT, and processes inherit that.
+    `nohup` ignores SIGHUP, a script's background job SIGINT; processes inherit ignored signals.
     """
     ignored = {
         number: signal.SIG_IGN
@@ -179,7 +179,7 @@ def _whoever_calls(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
         patch.setenv("FRENETIC_HOME", str(tmp_path_factory.mktemp("home")))
         patch.setenv("PATH", str(Path(sys.executable).parent), prepend=os.pathsep)  # frenetic's
         for number in ignored:
-            # The tests go on under nohup; what they start begins with the default.
+            # Tests go on under nohup; processes that they start have the default handler.
             is_ctrl_c = number == signal.SIGINT
             signal.signal(number, signal.default_int_handler if is_ctrl_c else lambda *_: None)
         yield
@@ -189,7 +189,7 @@ def _whoever_calls(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
 
 @pytest.fixture(scope="session")
 def endurance(request: pytest.FixtureRequest) -> bool:
-    """Whether a test is to run in full: `pytest --all -m endurance`; else in a short form."""
+    """Whether tests run in full, by `pytest --all -m endurance`, or in a short form."""
     return "endurance" in str(request.config.getoption("markexpr"))
 
 
@@ -201,7 +201,7 @@ def agreements(request: pytest.FixtureRequest, endurance: bool) -> Agreements:
 
 @pytest.fixture(scope="module")
 def new_process_server() -> None:
-    """Lets the next process start a server of its own, which loads what its simulator asks for."""
+    """Let the next process start its own server, which loads the modules of its simulator."""
     if sys.platform == "linux":
         from multiprocessing import forkserver
 

@@ -115,7 +115,7 @@ def of_rules() -> list[float]:
 
 
 def of_picture(driver: Any) -> list[float]:
-    """Return mean colours of parts of a picture that the driver's camera sees through its wrapper."""
+    """Return mean colours of parts of a picture that the camera sees through the wrapper."""
     images: list[Any] = []
     driver.driver.act = lambda observation: images.append(observation.image)
     test_road = roads()[0]

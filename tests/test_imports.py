@@ -1,4 +1,4 @@
-"""Where modules are imported; what may import what, see import-linter's contracts."""
+"""Imports within functions and on use; `lint-imports` checks which room imports which."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ ROOT = Path(frenetic.__file__).parent
 
 
 def imports_within_functions(path: Path) -> Iterator[int]:
-    """The lines, from 0."""
+    """Yield the lines of imports within functions, from 0."""
     tree = ast.parse(path.read_text(encoding="utf-8"))
     for function in ast.walk(tree):
         if isinstance(function, ast.FunctionDef):
@@ -27,7 +27,7 @@ def imports_within_functions(path: Path) -> Iterator[int]:
 def test_an_import_within_a_function_says_why() -> None:
     unexplained = []
     for path in sorted(ROOT.rglob("*.py")):
-        if {"cli", "commands", "command"} & {*path.parts, path.stem}:  # help has to come at once
+        if {"cli", "commands", "command"} & {*path.parts, path.stem}:  # so that help comes at once
             continue
         lines = path.read_text(encoding="utf-8").splitlines()
         unexplained += [
@@ -65,7 +65,7 @@ def names_for_type_checkers(package: str) -> dict[str, str]:
 
 
 @pytest.mark.parametrize("package", LAZY_PACKAGES)
-def test_names_imported_on_use_are_those_that_type_checkers_see(package: str) -> None:
+def test_names_imported_on_use_equal_those_of_type_checkers(package: str) -> None:
     module = import_module(package)
     assert names_for_type_checkers(package) == module._MODULES
     assert sorted(module.__all__) == sorted(module._MODULES)

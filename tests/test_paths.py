@@ -1,4 +1,4 @@
-"""Paths of users: as `Path` or as texts, one or a list, as a function needs."""
+"""Functions accept paths as `Path` or text, and lists of paths where they need lists."""
 
 from __future__ import annotations
 
@@ -44,8 +44,8 @@ def test_texts_are_paths(tmp_path: Path) -> None:
     assert list(group_campaigns([folder]).values()) == [[tmp_path / "one"]]
     assert measure_campaign(folder).folder == tmp_path / "one"
     assert new_folder(str(tmp_path)).parent == tmp_path
-    nothing = rerun(folder, DummySimulator(), DummyDriver(), tests=[])
-    write_junit(nothing, str(tmp_path / "a.xml"))
+    empty_rerun = rerun(folder, DummySimulator(), DummyDriver(), tests=[])
+    write_junit(empty_rerun, str(tmp_path / "a.xml"))
     assert len(read_recordings([folder]).drives) == 2
     entrant = Entrant(name="one", spec="m:C", path=folder, copy=folder, python=sys.executable)  # type: ignore[arg-type]
     terms = RunTerms(RoadTester(EmbeddedSimulator(), Planner()), simulations=1)
@@ -63,12 +63,12 @@ def test_texts_are_paths(tmp_path: Path) -> None:
     assert TwinProfile.read(str(tmp_path / "twin.json")).name == "twin"
 
 
-def campaign_from(earlier: Any) -> Campaign:
+def campaign_from(campaigns: Any) -> Campaign:
     return Campaign(
         strategy=Frenetic(seed=1),
         simulator=DummySimulator(),
         driver=DummyDriver(),
-        start_from=earlier,
+        start_from=campaigns,
     )
 
 
@@ -83,22 +83,27 @@ def campaign_from(earlier: Any) -> Campaign:
         ("places", read_recordings),
     ],
 )
-def test_a_single_path_is_no_list(name: str, take: Callable[[Any], object], single: object) -> None:
+def test_a_single_path_in_place_of_a_list_is_refused(
+    name: str, take: Callable[[Any], object], single: object
+) -> None:
     shown = {None: "None", 3: "3"}.get(single, "'v1'")  # type: ignore[call-overload]
     example = "" if single is None else rf", such as \[{shown}\]"
-    of = "(folders|files and folders)"
+    things = "(folders|files and folders)"
     with pytest.raises(
-        FreneticError, match=f"^{name} is {shown}: a list of {of} is needed{example}$"
+        FreneticError, match=f"^{name} is {shown}: a list of {things} is needed{example}$"
     ):
         take(single)
 
 
-def test_a_generator_is_a_list(tmp_path: Path) -> None:
+def test_a_generator_is_accepted_as_a_list(tmp_path: Path) -> None:
     for name in ("one", "two"):
         CampaignStore.create(tmp_path / name, {"seed": 1}).close()
     groups: dict[str, Iterator[Path | str]] = {
         "a": tmp_path.glob("one"),
-        "b": (str(found) for found in tmp_path.glob("two")),
+        "b": (str(path) for path in tmp_path.glob("two")),
     }
     assert compare(groups).groups.keys() == {"a", "b"}
-    assert [one.folder for one in campaign_from(iter(["v1", "v2"])).start_from] == ["v1", "v2"]
+    assert [source.folder for source in campaign_from(iter(["v1", "v2"])).start_from] == [
+        "v1",
+        "v2",
+    ]

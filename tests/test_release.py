@@ -1,4 +1,4 @@
-"""What a release consists of names the same version."""
+"""Files of a release name the same version."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["
     [("CITATION.cff", r"^version: (\S+)$"), ("CHANGELOG.md", r"^## (\S+) \(.+\)$")],
 )
 def test_the_version_is_that_of_the_project(file: str, pattern: str) -> None:
-    found = re.search(pattern, (ROOT / file).read_text(encoding="utf-8"), re.MULTILINE)
-    assert found is not None
-    assert found[1] == PROJECT["version"]
+    version = re.search(pattern, (ROOT / file).read_text(encoding="utf-8"), re.MULTILINE)
+    assert version is not None
+    assert version[1] == PROJECT["version"]
 
 
-def test_the_program_begins_where_ctrl_c_is_answered() -> None:
+def test_the_program_starts_in_a_main_that_answers_ctrl_c() -> None:
     assert PROJECT["scripts"] == {"frenetic": "frenetic.__main__:main"}

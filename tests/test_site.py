@@ -31,7 +31,7 @@ LOADED = re.compile(
     rf"|<link\b(?![^>]*rel=[\"']?canonical)[^>]*?href={ELSEWHERE}"
     rf"|(?:url\(|@import\s+){ELSEWHERE}"
 )
-"""What a page or a style sheet loads from another host."""
+"""Matches addresses of other hosts from which a page or a style sheet loads."""
 
 QUESTIONS = {
     "getting started": "index.html",
@@ -50,32 +50,32 @@ QUESTIONS = {
     "minimise": "minimising.html",
     "reproduce the paper": "paper.html",
 }
-"""What a new user searches for -> the page, or its part, that answers."""
+"""Search of a new user -> the page, or its part, with the answer."""
 
 
 @pytest.fixture(scope="module")
 def built(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, str]:
-    """The site, and what was said while it was built."""
+    """Folder of the built site, and the output of the build."""
     folder = tmp_path_factory.mktemp("site")
     shutil.copy(ROOT / "zensical.toml", folder)
     for part in ("docs", "src"):
         junk = shutil.ignore_patterns("__pycache__", "*.nb[ic]")
         shutil.copytree(ROOT / part, folder / part, ignore=junk)
-    done = subprocess.run(
+    process = subprocess.run(
         [sys.executable, "-m", "zensical", "build", "--strict"],
         cwd=folder,
         stdout=subprocess.PIPE,
         stderr=subprocess.STDOUT,
         encoding="utf-8",
     )
-    assert done.returncode == 0, done.stdout
-    return folder / "site", done.stdout
+    assert process.returncode == 0, process.stdout
+    return folder / "site", process.stdout
 
 
 @pytest.fixture(scope="module")
 def address(built: tuple[Path, str]) -> Iterator[str]:
     class Quiet(SimpleHTTPRequestHandler):
-        def log_message(self, format: str, *args: object) -> None:  # noqa: A002  # theirs
+        def log_message(self, format: str, *args: object) -> None:  # noqa: A002  # the base class's name
             pass
 
     with ThreadingHTTPServer(("127.0.0.1", 0), partial(Quiet, directory=str(built[0]))) as server:
@@ -86,17 +86,17 @@ def address(built: tuple[Path, str]) -> Iterator[str]:
         serving.join()
 
 
-def test_nothing_is_complained_about(built: tuple[Path, str]) -> None:
+def test_the_build_reports_no_issues(built: tuple[Path, str]) -> None:
     assert "No issues found" in built[1]
-    assert "griffe" not in built[1]  # it reads the docstrings
+    assert "griffe" not in built[1]  # griffe reads the docstrings
 
 
-def test_nothing_comes_from_another_host(built: tuple[Path, str]) -> None:
+def test_pages_load_nothing_from_other_hosts(built: tuple[Path, str]) -> None:
     files = [path for kind in ("html", "css") for path in built[0].rglob(f"*.{kind}")]
     assert len(files) > 40
     for path in files:
-        found = LOADED.findall(path.read_text(encoding="utf-8"))
-        assert not found, f"{path.name}: {found}"
+        addresses = LOADED.findall(path.read_text(encoding="utf-8"))
+        assert not addresses, f"{path.name}: {addresses}"
 
 
 def test_every_public_name_is_in_the_reference(built: tuple[Path, str]) -> None:
@@ -113,7 +113,7 @@ def test_every_public_name_is_in_the_reference(built: tuple[Path, str]) -> None:
             assert re.search(rf'id="{re.escape(room)}\.(\w+\.)*{name}"', page), name
 
 
-def test_anchors_of_pages_outside_exist(built: tuple[Path, str]) -> None:
+def test_anchors_linked_from_readme_and_other_pages_exist(built: tuple[Path, str]) -> None:
     for name in ("README.md", "CONTRIBUTING.md", "CHANGELOG.md"):
         text = (ROOT / name).read_text(encoding="utf-8")
         for page, anchor in re.findall(r"\]\(docs/([\w/-]+)\.md#([^)]+)\)", text):
@@ -121,21 +121,21 @@ def test_anchors_of_pages_outside_exist(built: tuple[Path, str]) -> None:
             assert f'id="{anchor}"' in target.read_text(encoding="utf-8"), f"{page}.md#{anchor}"
 
 
-def test_one_search_answers_a_new_users_questions(browser: Browser, address: str) -> None:
+def test_the_search_box_answers_a_new_users_questions(browser: Browser, address: str) -> None:
     page = browser.new_page()
     requests: list[str] = []
     page.on("request", lambda request: requests.append(request.url))
     page.goto(address)
     page.get_by_role("button", name="Search").first.click()
     box = page.locator("input:visible").first
-    found = page.locator("a[href*='?h=']")
+    results = page.locator("a[href*='?h=']")
     for question, answer in QUESTIONS.items():
         box.fill(question)
-        asked = f"?h={quote_plus(question)}"
-        for _ in range(300):  # results come one by one
-            links: list[str] = found.evaluate_all("links => links.map(link => link.href)")
-            first = [link.removeprefix(address) for link in links[:3] if asked in link]
-            if any(link.replace(asked, "").startswith(answer) for link in first):
+        query = f"?h={quote_plus(question)}"
+        for _ in range(300):  # results appear one after the other
+            links: list[str] = results.evaluate_all("links => links.map(link => link.href)")
+            first = [link.removeprefix(address) for link in links[:3] if query in link]
+            if any(link.replace(query, "").startswith(answer) for link in first):
                 break
             page.wait_for_timeout(100)
         else:

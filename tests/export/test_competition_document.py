@@ -1,4 +1,4 @@
-"""A test as the competition stores it: its keys, their order, and values that make sense."""
+"""The competition's document of a test: keys, their order, and values."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ VALID = Verdict(True, "")
 
 
 def drive_with(offsets: FloatArray, *, tolerance: float = 0.5) -> Drive:
-    """A drive at 10 m/s along a straight road to the north, ``offsets`` m left of the lane."""
+    """Return a drive at 10 m/s along a straight road to the north, at offsets to the left in m."""
     n = len(offsets)
     time, zeros = 0.1 * np.arange(n, dtype=np.float64), np.zeros(n)
     return Drive(
@@ -47,7 +47,7 @@ def drive_with(offsets: FloatArray, *, tolerance: float = 0.5) -> Drive:
     )
 
 
-def test_the_record_has_the_competitions_fields_in_its_order() -> None:
+def test_a_record_has_the_competitions_fields_in_order() -> None:
     names = (
         "timer pos dir vel steering steering_input brake brake_input throttle throttle_input"
         " wheelspeed vel_kmh is_oob oob_counter max_oob_percentage oob_distance oob_percentage"
@@ -71,8 +71,8 @@ def test_a_simulation_record_has_the_values_of_the_drive() -> None:
 
 
 def test_departures_are_counted_with_their_largest_share() -> None:
-    # The car is 2 m wide in a 4 m lane: 1 + 2 s m off its centre, a share s of it is outside. The
-    # last record is a FAIL, which ends the drive; those before stay below the tolerance.
+    # The car is 2 m wide, the lane 4 m: 1 + 2 s m off the lane's centre, a share s of the car is
+    # outside. The record above the tolerance is the last: it fails the drive.
     offsets = np.array([0.0, 1.2, 0.0, 1.8, 2.4, 0.0])
     records = simulation_records(Road([0.0] * 12), drive_with(offsets, tolerance=0.5))
     assert [r.oob_percentage for r in records] == pytest.approx([0.0, 0.1, 0.0, 0.4, 0.7])
@@ -103,18 +103,18 @@ def test_the_document_of_a_driven_test() -> None:
     )
     keys = "id is_valid validation_message road_points interpolated_points test_outcome description"
     assert list(document) == [*keys.split(), "execution_data"]
-    read = json.loads(json.dumps(document))
-    assert (read["id"], read["is_valid"], read["validation_message"]) == (7, True, "")
-    assert (read["test_outcome"], read["description"]) == ("PASS", "Arrived")
-    assert np.allclose(read["road_points"], ROAD.road_points, atol=1e-6)
+    stored = json.loads(json.dumps(document))
+    assert (stored["id"], stored["is_valid"], stored["validation_message"]) == (7, True, "")
+    assert (stored["test_outcome"], stored["description"]) == ("PASS", "Arrived")
+    assert np.allclose(stored["road_points"], ROAD.road_points, atol=1e-6)
     interpolated = interpolate(ROAD.road_points).tolist()
-    assert read["interpolated_points"] == [[x, y, -28.0, 8.0] for x, y in interpolated]
+    assert stored["interpolated_points"] == [[x, y, -28.0, 8.0] for x, y in interpolated]
     records = simulation_records(ROAD, drive)
-    assert read["execution_data"] == json.loads(json.dumps(records))
-    assert all(len(record) == 17 for record in read["execution_data"])
+    assert stored["execution_data"] == json.loads(json.dumps(records))
+    assert all(len(record) == 17 for record in stored["execution_data"])
 
 
-def test_a_refused_road_and_one_that_nobody_drove() -> None:
+def test_the_documents_of_refused_and_undriven_roads() -> None:
     verdict = Verdict(False, "The road is too sharp")
     refused = competition_document(
         ROAD, 1, verdict, outcome=Outcome.INVALID, description="The road is too sharp"
@@ -131,7 +131,7 @@ def test_a_refused_road_and_one_that_nobody_drove() -> None:
 def test_the_document_is_a_road_file_of_the_same_road(tmp_path: Path) -> None:
     path = tmp_path / "test.json"
     path.write_text(json.dumps(competition_document(ROAD, 1, VALID)))
-    read = read_road(path).road()
-    assert read.length == pytest.approx(ROAD.length, abs=1e-4)
-    assert np.abs(ROAD.track(read.sample(1.0))[:, 1]).max() < 1e-4
+    road = read_road(path).road()
+    assert road.length == pytest.approx(ROAD.length, abs=1e-4)
+    assert np.abs(ROAD.track(road.sample(1.0))[:, 1]).max() < 1e-4
     assert read_road(path).check_validity().valid

@@ -1,4 +1,4 @@
-"""A results folder of the competition says of each test, and of all, what the campaign says."""
+"""A results folder of the competition agrees with the campaign."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ from frenetic.search import RandomSearch
 from frenetic.testing import DummyDriver, DummySimulator
 
 if TYPE_CHECKING:
-    from made_campaign import ToldAnew
+    from sample_campaign import RewriteCampaign
 
-pytest_plugins = ["made_campaign"]
+pytest_plugins = ["sample_campaign"]
 
 
 @pytest.fixture(scope="session")
-def campaign(made_campaign: Path) -> Path:
-    return made_campaign
+def campaign(sample_campaign: Path) -> Path:
+    return sample_campaign
 
 
 FIELDS = SimulationRecord._fields
@@ -121,7 +121,7 @@ def test_tables_count_all_tests(campaign: Path, exported: Path) -> None:
     }
 
 
-def test_some_outcomes_only_change_the_files(
+def test_a_choice_of_outcomes_changes_the_files_but_not_the_tables(
     campaign: Path, exported: Path, tmp_path: Path
 ) -> None:
     folder = export_campaign(
@@ -144,15 +144,15 @@ def test_sparseness_of_too_many_failures_is_left_empty(
     assert (oob["avg_sparseness"], oob["stdev_sparseness"]) == ("", "")
 
 
-def test_generation_time_is_not_known_where_several_drove(
-    told_anew: ToldAnew, tmp_path: Path
+def test_generation_time_is_unknown_with_several_workers(
+    rewrite_campaign: RewriteCampaign, tmp_path: Path
 ) -> None:
-    folder = told_anew(lambda test: test, workers=4)
+    folder = rewrite_campaign(lambda test: test, workers=4)
     out = export_campaign(folder, "competition", tmp_path / "out", trajectories="none")
     assert row(out / "generation_stats.csv")["real_time_generation"] == ""
 
 
-def test_a_campaign_without_failures(tmp_path: Path) -> None:
+def test_a_campaign_without_failures_has_empty_sparseness(tmp_path: Path) -> None:
     Campaign(
         strategy=RandomSearch(seed=1),
         simulator=DummySimulator(lambda road: 0.5),

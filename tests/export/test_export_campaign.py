@@ -1,4 +1,4 @@
-"""Every format holds the same tables, and a folder is there completely or not at all."""
+"""Every format holds the same tables, and a folder is complete or missing."""
 
 from __future__ import annotations
 
@@ -26,21 +26,21 @@ from frenetic.oracle.outcome import Outcome
 from frenetic.search.records import SourceTest
 
 if TYPE_CHECKING:
-    from made_campaign import ToldAnew
+    from sample_campaign import RewriteCampaign
 
-pytest_plugins = ["made_campaign"]
+pytest_plugins = ["sample_campaign"]
 pytestmark = pytest.mark.heavy
 
 DICTIONARIES = ("source", "notes", "fault")
 
 
 @pytest.fixture(scope="session")
-def campaign(made_campaign: Path) -> Path:
-    return made_campaign
+def campaign(sample_campaign: Path) -> Path:
+    return sample_campaign
 
 
-def changed(test: Test, **changes: Any) -> Test:
-    """A test with other fields of its own, or of its result, candidate or origin."""
+def change_test(test: Test, **changes: Any) -> Test:
+    """Return a test with other fields of test, result, candidate or origin."""
     parts: dict[str, Any] = {"result": test.result, "test": test, "candidate": test.candidate}
     parts["origin"] = test.candidate.origin
     for name, value in changes.items():
@@ -54,23 +54,23 @@ def changed(test: Test, **changes: Any) -> Test:
     )
 
 
-def fifth(**changes: Any) -> Callable[[Test], Test]:
-    """Changes the fifth test."""
-    return lambda test: changed(test, **changes) if test.result_number == 5 else test
+def change_fifth(**changes: Any) -> Callable[[Test], Test]:
+    """Return a function that changes the fifth test and no other."""
+    return lambda test: change_test(test, **changes) if test.result_number == 5 else test
 
 
 @pytest.fixture(params=["a whole batch", "batches of seven"])
 def exported(
     request: pytest.FixtureRequest,
-    told_anew: ToldAnew,
+    rewrite_campaign: RewriteCampaign,
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
 ) -> tuple[Path, dict[str, Path]]:
-    """A campaign one of whose tests has everything, and its exports."""
+    """A campaign with a test that has all optional values, and its exports."""
     if request.param == "batches of seven":
         monkeypatch.setattr(tables, "TESTS_AT_ONCE", 7)
-    folder = told_anew(
-        fifth(
+    folder = rewrite_campaign(
+        change_fifth(
             conditions={"fog": 60.5},
             repeat=2,
             source=SourceTest("nightly", 31),
@@ -93,7 +93,7 @@ def cells_of(frame: pd.DataFrame) -> list[dict[str, Any]]:
 
 
 def from_text(text: str, value: Any) -> Any:
-    """What a cell says, read as another value's type."""
+    """Read a cell as the type of another value."""
     if value is None:
         return text or None
     if isinstance(value, str):
@@ -109,11 +109,11 @@ def test_every_format_gives_the_frame_back(
 ) -> None:
     folder, files = exported
     frame = data_frame(folder, table)
-    read = pd.read_parquet(files["parquet"] / f"{table}.parquet")
+    parquet = pd.read_parquet(files["parquet"] / f"{table}.parquet")
     for name in DICTIONARIES if table == "tests" else ():
-        texts = read[name].astype(object)
-        read[name] = texts.where(texts.notna(), None).map(json.loads, na_action="ignore")
-    pd.testing.assert_frame_equal(read, frame, check_categorical=False)
+        texts = parquet[name].astype(object)
+        parquet[name] = texts.where(texts.notna(), None).map(json.loads, na_action="ignore")
+    pd.testing.assert_frame_equal(parquet, frame, check_categorical=False)
     wanted = cells_of(frame)
     with (files["csv"] / f"{table}.csv").open(encoding="utf-8", newline="") as file:
         rows = list(csv.DictReader(file))
@@ -143,7 +143,7 @@ READERS: dict[Any, Any] = {
     ("outcomes", "which"),
     [(("PASS", "FAIL"), "failures"), (("PASS",), "none")],
 )
-def test_only_some_outcomes_and_trajectories(
+def test_outcomes_and_trajectories_can_be_chosen(
     campaign: Path, tmp_path: Path, name: Any, outcomes: tuple[str, ...], which: Any
 ) -> None:
     folder = export_campaign(
@@ -159,8 +159,8 @@ def test_only_some_outcomes_and_trajectories(
         assert list(rows.get("id", pd.Series()).unique()) == list(wanted["id"][driven])
 
 
-def test_a_candidate_that_is_no_road_is_exported(
-    campaign: Path, told_anew: ToldAnew, tmp_path: Path
+def test_a_candidate_without_curvatures_is_exported(
+    campaign: Path, rewrite_campaign: RewriteCampaign, tmp_path: Path
 ) -> None:
     with CampaignStore.open(campaign) as store:
         invalid = next(store.tests(Outcome.INVALID)).id
@@ -170,7 +170,7 @@ def test_a_candidate_that_is_no_road_is_exported(
             return test
         return replace(test, candidate=replace(test.candidate, curvatures=np.empty(0)))
 
-    folder = told_anew(change)
+    folder = rewrite_campaign(change)
     frame = data_frame(folder)
     (row,) = frame[frame["length"] == 0.0].to_dict("records")
     assert (row["length"], row["curvatures"].tolist()) == (0.0, [])
@@ -184,7 +184,9 @@ def test_a_candidate_that_is_no_road_is_exported(
 # The folder
 
 
-def test_an_empty_folder_will_do_and_progress_ends_at_all(campaign: Path, tmp_path: Path) -> None:
+def test_an_empty_folder_is_accepted_and_progress_ends_at_the_total(
+    campaign: Path, tmp_path: Path
+) -> None:
     for name in get_args(campaigns.Format):
         steps: list[tuple[int, int]] = []
         (tmp_path / name).mkdir()
@@ -203,29 +205,29 @@ def test_an_existing_target_is_refused_in_one_line(campaign: Path, tmp_path: Pat
     (tmp_path / "file").write_text("precious")
     exists = "exists already: choose another"
     mistakes = {"full": exists, "file": exists, "file/below": "cannot be written"}
-    for name, said in mistakes.items():
-        with pytest.raises(FreneticError, match=said) as caught:
+    for name, message in mistakes.items():
+        with pytest.raises(FreneticError, match=message) as caught:
             export_campaign(campaign, "csv", tmp_path / name)
         assert "\n" not in str(caught.value)
     assert (tmp_path / "full" / "mine").read_text() == "precious"
     assert (tmp_path / "file").read_text() == "precious"
 
 
-GONE = "UPDATE test SET trajectory = NULL WHERE result_number = 1"
-LATE = "UPDATE test SET seconds = -1.0 WHERE result_number = 50"
+NO_TRAJECTORY = "UPDATE test SET trajectory = NULL WHERE result_number = 1"
+NEGATIVE_SECONDS = "UPDATE test SET seconds = -1.0 WHERE result_number = 50"
 
 
 @pytest.mark.parametrize(
     ("name", "statement", "text"),
     [
-        ("csv", LATE, "test .*seconds"),
-        ("parquet", GONE, "the trajectory of test 1 is gone"),
-        ("json", LATE, "test .*seconds"),
-        ("competition", LATE, "test .*seconds"),
-        ("competition", GONE, "the trajectory of test 1 is gone"),
+        ("csv", NEGATIVE_SECONDS, "test .*seconds"),
+        ("parquet", NO_TRAJECTORY, "the trajectory of test 1 is gone"),
+        ("json", NEGATIVE_SECONDS, "test .*seconds"),
+        ("competition", NEGATIVE_SECONDS, "test .*seconds"),
+        ("competition", NO_TRAJECTORY, "the trajectory of test 1 is gone"),
     ],
 )
-def test_nothing_is_left_of_an_export_that_broke(
+def test_a_failed_export_leaves_no_files(
     damaged: Callable[[str], Path],
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
@@ -241,7 +243,9 @@ def test_nothing_is_left_of_an_export_that_broke(
     assert list((tmp_path / "out").iterdir()) == []
 
 
-def test_nothing_is_left_of_an_export_that_was_killed(campaign: Path, tmp_path: Path) -> None:
+def test_the_next_export_removes_the_files_of_a_killed_export(
+    campaign: Path, tmp_path: Path
+) -> None:
     script = (
         "import os, sys; from frenetic.export import export_campaign;"
         "export_campaign(sys.argv[1], 'csv', 'out', on_progress=lambda *_: os._exit(9))"
@@ -249,27 +253,27 @@ def test_nothing_is_left_of_an_export_that_was_killed(campaign: Path, tmp_path: 
     killed = subprocess.run([sys.executable, "-c", script, campaign], cwd=tmp_path, check=False)
     assert killed.returncode == 9
     assert list(tmp_path.iterdir())
-    (tmp_path / "out.part-1").mkdir()  # the user's own
+    (tmp_path / "out.part-1").mkdir()  # a folder of the user
     export_campaign(campaign, "csv", tmp_path / "out")
     assert {path.name for path in tmp_path.iterdir()} == {"out", "out.part-1"}
 
 
 @pytest.mark.parametrize(
-    ("name", "options", "said"),
+    ("name", "options", "message"),
     [
         ("excel", {}, "one of parquet, csv, json, competition"),
         ("csv", {"trajectories": "some"}, "one of all, failures, none"),
         ("csv", {"outcomes": ["GREAT"]}, "GREAT"),
     ],
 )
-def test_what_there_is_not(
-    campaign: Path, tmp_path: Path, name: Any, options: dict[str, Any], said: str
+def test_unknown_names_are_refused(
+    campaign: Path, tmp_path: Path, name: Any, options: dict[str, Any], message: str
 ) -> None:
-    with pytest.raises((ValueError, FreneticError), match=said):
+    with pytest.raises((ValueError, FreneticError), match=message):
         export_campaign(campaign, name, tmp_path / "out", **options)
 
 
-def test_tables_need_the_extra_and_the_competition_does_not(
+def test_tables_need_the_extra_tables_but_the_competitions_files_do_not(
     campaign: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     for module in ("pandas", "pyarrow"):
@@ -283,7 +287,7 @@ def test_tables_need_the_extra_and_the_competition_does_not(
             export_campaign(campaign, "competition", tmp_path / module)
 
 
-NASTY = {
+UNSAFE_TEXTS = {
     "=HYPERLINK(1)": "'=HYPERLINK(1)",
     "+1": "'+1",
     "-1+1": "'-1+1",
@@ -298,23 +302,27 @@ NASTY = {
 """Text of a test -> its cell."""
 
 
-def test_no_text_is_a_formula_or_controls_a_terminal(told_anew: ToldAnew, tmp_path: Path) -> None:
-    texts, names = list(NASTY), ("reason", "operator", "worker")
+def test_cells_hold_neither_formulas_nor_control_characters(
+    rewrite_campaign: RewriteCampaign, tmp_path: Path
+) -> None:
+    texts, names = list(UNSAFE_TEXTS), ("reason", "operator", "worker")
 
     def change(test: Test) -> Test:
         text = texts[test.result_number % len(texts)]
-        return changed(test, reason=text, operator=text, worker=text)
+        return change_test(test, reason=text, operator=text, worker=text)
 
-    folder = told_anew(change)
+    folder = rewrite_campaign(change)
     path = export_campaign(folder, "csv", tmp_path / "csv", trajectories="none") / "tests.csv"
     with path.open(encoding="utf-8", newline="") as file:
         rows = list(csv.DictReader(file))
     frame = data_frame(folder)
     for row, number in enumerate(frame["result_number"].tolist()):
         text = texts[number % len(texts)]
-        assert [rows[row][name] for name in names] == [NASTY[text]] * 3
+        assert [rows[row][name] for name in names] == [UNSAFE_TEXTS[text]] * 3
         assert list(frame.loc[row, list(names)]) == [text] * 3
-    assert min(float(row["moobd"]) for row in rows if row["moobd"]) < 0.0  # numbers stay numbers
+    assert (
+        min(float(row["moobd"]) for row in rows if row["moobd"]) < 0.0
+    )  # negative numbers get no apostrophe
 
 
 # On the command line
@@ -327,10 +335,10 @@ def run(*arguments: str) -> int:
     return stop.value.code
 
 
-def test_command_writes_into_the_folder_by_default(
-    told_anew: ToldAnew, capsys: pytest.CaptureFixture[str]
+def test_the_command_writes_into_the_campaigns_folder_by_default(
+    rewrite_campaign: RewriteCampaign, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    folder = told_anew(lambda test: test)
+    folder = rewrite_campaign(lambda test: test)
     for source in (folder, folder.parent):
         assert run(str(source), "--format", "json") == 0
         answer = capsys.readouterr()
@@ -348,6 +356,6 @@ def test_command_writes_into_the_folder_by_default(
         (),
     ],
 )
-def test_command_with_what_there_is_not(campaign: Path, option: tuple[str, ...]) -> None:
+def test_the_command_refuses_unknown_names(campaign: Path, option: tuple[str, ...]) -> None:
     assert run(str(campaign), *option) == 2
     assert not (campaign / "exports").exists()

@@ -1,4 +1,4 @@
-"""frenetic export of roads, and driving what it wrote."""
+"""`frenetic export` of roads, and drives of the exported files."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ Frenetic = Callable[..., Answer]
 def frenetic(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfdbinary: pytest.CaptureFixture[bytes]
 ) -> Frenetic:
-    """Runs a command line in an empty folder."""
+    """Function that runs a command line in an empty folder."""
     monkeypatch.chdir(tmp_path)
 
     def call(*arguments: str) -> Answer:
@@ -56,7 +56,7 @@ def searched(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture
 def campaign(frenetic: Frenetic, searched: Path) -> Frenetic:
-    """The same, in a folder with a campaign, c."""
+    """Function that runs a command line in a folder with a campaign, c."""
     shutil.copytree(searched, "c")
     return frenetic
 
@@ -84,7 +84,7 @@ def test_the_command_offers_all_formats() -> None:
     assert set(TABLES) == set(get_args(Format))
 
 
-def test_a_failing_road_fails_in_the_same_way_from_every_file(campaign: Frenetic) -> None:
+def test_a_failing_road_fails_in_the_same_way_from_every_format(campaign: Frenetic) -> None:
     test_id = failing_id()
     stored = json.loads(Path(f"c/failures/test-{int(test_id):05d}.json").read_text())
     for name in ("opendrive", "json", "competition"):
@@ -93,11 +93,11 @@ def test_a_failing_road_fails_in_the_same_way_from_every_file(campaign: Frenetic
         path = Path(answer.out.strip())
         assert path.parent == Path("c/exports")
         assert path.name == f"test-{int(test_id):05d}{FORMATS[name].suffix}"
-        again = json.loads(campaign("drive", str(path), "--json").out)
+        driven = json.loads(campaign("drive", str(path), "--json").out)
         # A competition file holds points, from which the curvatures are recovered.
         tolerance = 1e-3 if name == "competition" else 1e-6
-        assert again["outcome"] == "FAIL"
-        assert again["moobd"] == pytest.approx(stored["moobd"], abs=tolerance)
+        assert driven["outcome"] == "FAIL"
+        assert driven["moobd"] == pytest.approx(stored["moobd"], abs=tolerance)
         assert campaign("drive", str(path), "--dry").code == 0
     document = json.loads(path.read_text())  # the competition's
     assert (document["id"], document["test_outcome"]) == (int(test_id), "FAIL")
@@ -126,13 +126,13 @@ def test_an_ambiguous_suffix_is_refused(frenetic: Frenetic) -> None:
         assert not Path(name).exists()
 
 
-def test_the_place_on_the_globe(frenetic: Frenetic) -> None:
+def test_the_option_origin_sets_the_place_on_the_globe(frenetic: Frenetic) -> None:
     road = write("bend.json", {"curvatures": [0, 0.03, 0]})
     out = ("--out", "r.xodr")
     assert frenetic("export", road, "--format", "origin=[-33.5,151.25]", *out).code == 0
     assert "+lat_0=-33.5 +lon_0=151.25 " in Path("r.xodr").read_text()
-    for origin, said in (("[91,0]", "latitude of -80 to 84"), ("7", "[latitude, longitude]")):
-        refused(frenetic("export", road, "--format", f"opendrive,origin={origin}", *out), said)
+    for origin, message in (("[91,0]", "latitude of -80 to 84"), ("7", "[latitude, longitude]")):
+        refused(frenetic("export", road, "--format", f"opendrive,origin={origin}", *out), message)
     refused(frenetic("export", road, "--format", "csv,origin=[1,2]"), "csv has no option 'origin'")
 
 
@@ -157,7 +157,7 @@ def test_a_road_is_not_written_over_itself(frenetic: Frenetic) -> None:
 
 
 @pytest.mark.parametrize(
-    ("words", "said"),
+    ("words", "message"),
     [
         ("c --format opendrive", "'opendrive' is no format of a camp"),
         ("c 1 --format parquet", "'parquet' is no format of a road"),
@@ -174,13 +174,13 @@ def test_a_road_is_not_written_over_itself(frenetic: Frenetic) -> None:
         ("bend.json --format csv --out c", "c cannot be written"),
     ],
 )
-def test_mistakes(campaign: Frenetic, words: str, said: str) -> None:
+def test_mistakes_are_refused(campaign: Frenetic, words: str, message: str) -> None:
     write("bend.json", {"curvatures": [0, 0.03, 0]})
-    refused(campaign("export", *words.split()), said)
+    refused(campaign("export", *words.split()), message)
     assert not Path("c/exports").exists()
 
 
-def test_a_lane_of_another_tools_file_is_named(frenetic: Frenetic) -> None:
+def test_the_option_lane_chooses_a_lane_of_an_opendrive_file(frenetic: Frenetic) -> None:
     lanes = "".join(
         f'<lane id="-{i}" type="driving"><width sOffset="0" a="3.5"/></lane>' for i in (1, 2)
     )

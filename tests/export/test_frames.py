@@ -1,4 +1,4 @@
-"""Data frames say what the campaign's tests say, with pandas' own types."""
+"""Data frames hold the campaign's tests, with types of pandas."""
 
 from __future__ import annotations
 
@@ -27,20 +27,20 @@ from frenetic.search.records import SourceTest
 from frenetic.simulators import EmbeddedSimulator
 
 if TYPE_CHECKING:
-    from made_campaign import ToldAnew
+    from sample_campaign import RewriteCampaign
 
-pytest_plugins = ["made_campaign"]
+pytest_plugins = ["sample_campaign"]
 pytestmark = pytest.mark.heavy
 PAGE = Path(__file__).parents[2] / "docs" / "files.md"
 
 
 @pytest.fixture(scope="session")
-def campaign(made_campaign: Path) -> Path:
-    return made_campaign
+def campaign(sample_campaign: Path) -> Path:
+    return sample_campaign
 
 
 def expected(test: Test) -> dict[str, Any]:
-    """A row of the table, made from a test."""
+    """Return a test's expected row of the table."""
     candidate, result = test.candidate, test.result
     curvatures = candidate.curvatures.tolist()
     x, y, heading = test.pose or (None, None, None)
@@ -115,7 +115,7 @@ def test_a_frame_has_the_values_of_the_tests(campaign: Path) -> None:
 
 
 def test_a_frame_has_values_that_only_some_tests_have(
-    told_anew: ToldAnew,
+    rewrite_campaign: RewriteCampaign,
 ) -> None:
     def change(test: Test) -> Test:
         if test.result_number != 5:
@@ -135,7 +135,7 @@ def test_a_frame_has_values_that_only_some_tests_have(
             objective=-0.5,
         )
 
-    folder = told_anew(change)
+    folder = rewrite_campaign(change)
     frame = data_frame(folder)
     rows, wanted = rows_of(frame), expected_rows(folder)
     conditions = {"condition_fog": 60.5, "condition_noise_seed": 2**31 - 1}
@@ -181,7 +181,7 @@ def test_columns_have_pandas_types_even_without_tests(campaign: Path, tmp_path: 
     assert paths.dtypes.equals(none.dtypes)
 
 
-def test_only_some_outcomes(campaign: Path) -> None:
+def test_outcomes_can_be_chosen(campaign: Path) -> None:
     whole = data_frame(campaign)
     for outcomes in (["FAIL"], [Outcome.FAIL, "INVALID"]):
         frame = data_frame(campaign, outcomes=outcomes)
@@ -189,18 +189,20 @@ def test_only_some_outcomes(campaign: Path) -> None:
 
 
 @pytest.mark.parametrize("outcome", ["FAIL", Outcome.FAIL])
-def test_a_single_outcome_stands_for_a_list_of_it(campaign: Path, outcome: str) -> None:
+def test_a_single_outcome_equals_a_list_of_this_outcome(campaign: Path, outcome: str) -> None:
     assert data_frame(campaign, outcomes=outcome).equals(data_frame(campaign, outcomes=["FAIL"]))
 
 
 @pytest.mark.parametrize("outcomes", ["FAILED", ["FAILED"], 5, None])
-def test_an_unknown_outcome_is_refused_with_the_known_ones(campaign: Path, outcomes: Any) -> None:
+def test_an_error_about_an_unknown_outcome_lists_the_known_outcomes(
+    campaign: Path, outcomes: Any
+) -> None:
     known = "one of PASS, FAIL, INVALID, ERROR, DROPPED is needed"
     with pytest.raises(ValueError, match=f"outcome is .*: {known}"):
         data_frame(campaign, outcomes=outcomes)
 
 
-def test_several_campaigns_are_one_frame_that_names_their_folders(
+def test_several_campaigns_make_a_frame_that_names_their_folders(
     campaign: Path, tmp_path: Path
 ) -> None:
     bench = tmp_path / "bench"
@@ -211,8 +213,8 @@ def test_several_campaigns_are_one_frame_that_names_their_folders(
     places = [(bench / name).as_posix() for name in ("f/01", "f/02", "r/01")]
     assert [str(name) for name in whole["campaign"].unique()] == places
     for _, rows in whole.groupby("campaign"):
-        own = rows.drop(columns="campaign").reset_index(drop=True)
-        pd.testing.assert_frame_equal(own, alone)
+        rows_alone = rows.drop(columns="campaign").reset_index(drop=True)
+        pd.testing.assert_frame_equal(rows_alone, alone)
     listed = data_frame([str(campaign), bench / "r"], "trajectories", outcomes=["FAIL"])
     assert set(listed["campaign"]) == {campaign.as_posix(), places[-1]}
     driven = (alone["outcome"] == "FAIL").sum()
@@ -245,7 +247,7 @@ def test_trajectories_of_a_frame_are_the_tests_trajectories(campaign: Path) -> N
         ),
     ],
 )
-def test_damage_is_one_line(
+def test_damage_is_an_error_in_one_line(
     damaged: Callable[[str], Path], statement: str, table: Any, text: str
 ) -> None:
     folder = damaged(statement)
@@ -256,7 +258,7 @@ def test_damage_is_one_line(
         assert len(data_frame(folder)) > 0
 
 
-def test_what_there_is_not(campaign: Path) -> None:
+def test_an_unknown_table_is_refused(campaign: Path) -> None:
     with pytest.raises(ValueError, match="one of tests, trajectories is needed"):
         data_frame(campaign, "roads")  # type: ignore[arg-type]
 

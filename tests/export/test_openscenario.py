@@ -1,6 +1,6 @@
-"""The scenario beside an OpenDRIVE file: what it says, and what the ASAM checker says of it.
+"""The scenario beside an OpenDRIVE file, also checked by ASAM's checker and CARLA.
 
-Set FRENETIC_ESMINI to the path of an esmini to have it play the scenarios, too.
+Set FRENETIC_ESMINI to the path of an esmini, which then plays the scenarios, too.
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ def scenario(road: Road, **rules: Any) -> ElementTree.Element:
 
 
 def places(root: ElementTree.Element) -> list[float]:
-    """Distance along the road of each position, all on the ego lane's centre."""
+    """Return the distance along the road of each position; all lie on the ego lane's centre."""
     distances = []
     for lane in root.iter("LanePosition"):
         assert (lane.get("roadId"), lane.get("laneId"), lane.get("offset")) == ("1", "-1", "0.0")
@@ -68,7 +68,7 @@ def test_the_description_is_the_name_also_where_limits_change() -> None:
     assert header.get("description") == "hill"
 
 
-def test_start_speed_route_and_end() -> None:
+def test_a_scenario_has_start_speed_route_and_end() -> None:
     road = ROADS["winding"]
     root = scenario(road, speed_limit=90.0, goal_distance=6.0)
     header, file = root.find("FileHeader"), root.find("RoadNetwork/LogicFile")
@@ -79,7 +79,7 @@ def test_start_speed_route_and_end() -> None:
     start, goal = 2.5, road.length - 0.01
     init = root.find("Storyboard/Init")
     assert init is not None
-    # One position only: CARLA's runner takes the last one for the start.
+    # There is only one position: CARLA's runner starts at the last.
     assert places(init) == [start]
     assert [float(s.attrib["value"]) for s in init.iter("AbsoluteTargetSpeed")] == [0.0]
     story = root.find("Storyboard/Story")
@@ -98,13 +98,13 @@ def test_start_speed_route_and_end() -> None:
         assert late.get("rule") == "greaterThan"
 
 
-def test_same_road_same_bytes() -> None:
+def test_the_same_road_gives_the_same_bytes() -> None:
     text = to_openscenario(Road(WINDING), "road.xodr")
     assert text == to_openscenario(Road(WINDING), "road.xodr")
     assert text.endswith("</OpenSCENARIO>\n")
 
 
-def test_names_that_xml_cannot_hold() -> None:
+def test_characters_that_xml_cannot_hold_are_replaced() -> None:
     text = to_openscenario(ROADS["short"], "a\x00<b>.xodr", name="\x07")
     root = ElementTree.fromstring(text.encode())
     file, header = root.find("RoadNetwork/LogicFile"), root.find("FileHeader")
@@ -136,7 +136,7 @@ def test_carla_finds_every_position(name: str) -> None:
 
 @pytest.mark.heavy
 @pytest.mark.endurance
-def test_the_asam_checker_finds_nothing(
+def test_the_asam_checker_finds_no_issue(
     agreements: Agreements, request: pytest.FixtureRequest, tmp_path: Path
 ) -> None:
     files = []
@@ -145,7 +145,7 @@ def test_the_asam_checker_finds_nothing(
         write_road(ExportedRoad(road, name), "opendrive", path)
         text = path.with_suffix(".xosc").read_text()
         files.append(path.with_suffix(".xosc"))
-        # Most rules hold from a later version on, so the scenario is shown as that one, too.
+        # Most rules exist only in later versions: the scenario is checked as these, too.
         for minor in (1, 2, 3):
             files.append(tmp_path / f"{name}-{minor}.xosc")
             files[-1].write_text(text.replace('revMinor="0"', f'revMinor="{minor}"'))
@@ -163,8 +163,8 @@ def test_the_asam_checker_finds_nothing(
         for file, answer in answers.items():
             assert answer["check_asam_xosc_xml_valid_schema"] == ["completed"]
             assert len(answer) == 17
-            done = [status for status, *issues in answer.values() if status == "completed"]
-            assert len(done) == (17 if file.endswith(("-2.xosc", "-3.xosc")) else 5)
+            completed = [status for status, *issues in answer.values() if status == "completed"]
+            assert len(completed) == (17 if file.endswith(("-2.xosc", "-3.xosc")) else 5)
             assert not any(issues for _, *issues in answer.values())
 
 
@@ -175,9 +175,9 @@ def test_esmini_drives_from_the_start_to_the_goal(name: str, tmp_path: Path) -> 
     write_road(ExportedRoad(road, name), "opendrive", tmp_path / "road.xodr")
     command = [str(ESMINI), "--osc", "road.xosc", "--headless", "--fixed_timestep", "0.05"]
     command += ["--csv_logger", str(log)]
-    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=60)
-    assert done.returncode == 0, done.stdout
-    assert "at the goal: true" in done.stdout
+    process = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=60)
+    assert process.returncode == 0, process.stdout
+    assert "at the goal: true" in process.stdout
     with log.open(newline="") as file:
         rows = [row for row in csv.reader(file) if len(row) > 20]
     columns = [title.strip() for title in rows[0]]

@@ -1,4 +1,4 @@
-"""The campaign whose roads are driven again."""
+"""A campaign whose roads tests drive again."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from frenetic.simulators import EmbeddedSimulator
 
 @pytest.fixture(scope="session")
 def searched_campaign(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Its folder; nothing in it may be changed, but it can be copied."""
+    """Folder of a campaign; tests must not change it, but may copy it."""
     folder = tmp_path_factory.mktemp("searched") / "c"
     Campaign(
         strategy=Frenetic2021(seed=3, max_redraws=10),
@@ -29,5 +29,5 @@ def searched_campaign(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture
 def campaign(searched_campaign: Path, tmp_path: Path) -> Path:
-    """A copy of it, which may be written to."""
+    """Copy of the campaign, which a test may change."""
     return Path(shutil.copytree(searched_campaign, tmp_path / "c"))

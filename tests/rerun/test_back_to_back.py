@@ -37,8 +37,10 @@ FRESH = 12
 CALMER = Planner(aggression=0.9)
 
 
-def compared(folder: Path, simulator: Simulator | None = None, **options: Any) -> BackToBack:
-    """The planner beside a calmer one, unless another version is given."""
+def compare_planners(
+    folder: Path, simulator: Simulator | None = None, **options: Any
+) -> BackToBack:
+    """Compare the planner with a calmer planner, or with ``new``."""
     new = options.pop("new", CALMER)
     simulator = simulator or EmbeddedSimulator()
     return back_to_back(folder, simulator, Planner(), new, **{"fresh": FRESH, **options})
@@ -46,22 +48,24 @@ def compared(folder: Path, simulator: Simulator | None = None, **options: Any) -
 
 @pytest.fixture(scope="module")
 def comparison(searched_campaign: Path, tmp_path_factory: pytest.TempPathFactory) -> BackToBack:
-    """What comes of it in one process, unbroken; nothing in its folders may be changed."""
-    return compared(Path(shutil.copytree(searched_campaign, tmp_path_factory.mktemp("v") / "c")))
+    """A comparison without interruption; tests must not change its folders."""
+    return compare_planners(
+        Path(shutil.copytree(searched_campaign, tmp_path_factory.mktemp("v") / "c"))
+    )
 
 
-def driven_by(comparison: BackToBack) -> list[Any]:
-    """All that was driven, set by set."""
+def results_of(comparison: BackToBack) -> list[Any]:
+    """Return the results of all drives: on fresh roads, on known roads."""
     return [
         [(old.id, old.result, new.result) for old, new in roads.pairs]
         for roads in (comparison.fresh, comparison.known)
     ]
 
 
-# What is driven
+# Drives
 
 
-def test_both_versions_drive_fresh_random_roads_and_the_failing_ones(
+def test_both_versions_drive_fresh_random_roads_and_failing_roads(
     comparison: BackToBack, searched_campaign: Path
 ) -> None:
     moobds = {pair.old.id: pair.old.moobd for pair in comparison.known.pairs}
@@ -75,21 +79,25 @@ def test_both_versions_drive_fresh_random_roads_and_the_failing_ones(
     alone = EmbeddedSimulator()
     for pair in comparison.known.pairs:
         assert pair.new.drive is not None
-        again = alone.drive(pair.old.road, CALMER)
-        assert len(again.trajectory) == len(pair.new.drive.trajectory)
+        drive = alone.drive(pair.old.road, CALMER)
+        assert len(drive.trajectory) == len(pair.new.drive.trajectory)
 
 
 def test_stored_roads_are_not_driven_again(comparison: BackToBack, campaign: Path) -> None:
     simulator = Counting()
-    first = compared(campaign, simulator)
+    first = compare_planners(campaign, simulator)
     known = len(first.known.pairs)
     assert simulator.driven == 2 * FRESH + known
-    assert compared(campaign, simulator).as_json() == first.as_json()
+    assert compare_planners(campaign, simulator).as_json() == first.as_json()
     assert simulator.driven == 2 * FRESH + known
-    more = compared(campaign, simulator, fresh=FRESH + 5)
-    assert simulator.driven == 2 * FRESH + known + 5 + FRESH + 5, "old drove the others before"
-    assert compared(campaign, simulator).as_json() == first.as_json(), "of more roads"
-    assert driven_by(more)[0][:FRESH] == driven_by(first)[0] == driven_by(comparison)[0]
+    more = compare_planners(campaign, simulator, fresh=FRESH + 5)
+    assert simulator.driven == 2 * FRESH + known + 5 + FRESH + 5, (
+        "the old version drove these roads before"
+    )
+    assert compare_planners(campaign, simulator).as_json() == first.as_json(), (
+        "from the larger number of stored roads"
+    )
+    assert results_of(more)[0][:FRESH] == results_of(first)[0] == results_of(comparison)[0]
 
 
 def test_fresh_roads_differ_from_the_campaigns_roads(tmp_path: Path) -> None:
@@ -99,7 +107,9 @@ def test_fresh_roads_differ_from_the_campaigns_roads(tmp_path: Path) -> None:
     assert fresh_roads(tmp_path, tester, fresh=1).seed == 1
 
 
-def test_ctrl_c_loses_nothing(comparison: BackToBack, campaign: Path) -> None:
+def test_an_interrupted_comparison_goes_on_with_the_same_results(
+    comparison: BackToBack, campaign: Path
+) -> None:
     def interrupted(at: int | None) -> Callable[[Event], None]:
         before = done = 0
 
@@ -125,13 +135,13 @@ def test_ctrl_c_loses_nothing(comparison: BackToBack, campaign: Path) -> None:
         new = compare_versions(roads, tester, on_event=interrupted(at))
         assert (new.missing > 0) is (at is not None)
     assert new.missing == 0 < known
-    assert driven_by(new) == driven_by(comparison)
+    assert results_of(new) == results_of(comparison)
     assert new.answer == comparison.answer
 
 
 def test_a_version_is_not_compared_with_itself(campaign: Path) -> None:
     with pytest.raises(CampaignError, match="both versions are the same, planner"):
-        compared(campaign, new=Planner())
+        compare_planners(campaign, new=Planner())
 
 
 HELPER = """
@@ -156,7 +166,7 @@ class Mine(Planner):
 
 
 @pytest.mark.heavy
-def test_two_versions_of_a_helper_never_meet_in_one_process(tmp_path: Path) -> None:
+def test_two_versions_of_a_module_are_imported_in_different_processes(tmp_path: Path) -> None:
     log = tmp_path / "imported"
     for version in (1, 2):
         folder = tmp_path / f"v{version}"
@@ -167,11 +177,11 @@ def test_two_versions_of_a_helper_never_meet_in_one_process(tmp_path: Path) -> N
     def frenetic(*words: str) -> str:
         log.write_text("")
         command = [sys.executable, "-m", "frenetic", *words]
-        done = subprocess.run(
+        process = subprocess.run(
             command, cwd=tmp_path, capture_output=True, text=True, check=False, timeout=LIMIT
         )
-        assert done.returncode in (0, 1, 3), done.stderr
-        return done.stdout
+        assert process.returncode in (0, 1, 3), process.stderr
+        return process.stdout
 
     search = ("--strategy", "random", "--simulations", "4", "--seed", "3", "--workers", "1")
     frenetic("run", "--driver", "v1/driver.py:Mine", *search, "--out", "c")
@@ -186,7 +196,7 @@ def test_two_versions_of_a_helper_never_meet_in_one_process(tmp_path: Path) -> N
             assert test.result.fault is None, test.reason
 
 
-# What is said
+# Answers
 
 
 PASS, FAIL, ERROR = Outcome.PASS, Outcome.FAIL, Outcome.ERROR
@@ -194,7 +204,7 @@ NONE = PairedRoads(Path("known"), ())
 
 
 def paired(*counts: tuple[int, Outcome, Outcome], slower: float = 1.0) -> PairedRoads:
-    """Made-up pairs: how many with which outcomes of old and new."""
+    """Return made-up pairs, from rows of number, outcome of old and outcome of new."""
     pairs: list[Pair] = []
     for number, *outcomes in counts:
         old, new = (
@@ -209,7 +219,7 @@ def result(fresh: PairedRoads, known: PairedRoads = NONE) -> BackToBack:
     return BackToBack({"class": "a:Old"}, {"class": "a:New"}, {"class": "s:S"}, 0, fresh, known)
 
 
-def test_the_answer_says_who_is_better_by_how_much() -> None:
+def test_the_answer_names_the_better_version_and_the_difference() -> None:
     better = result(paired((21, FAIL, PASS), (2, PASS, FAIL), (10, FAIL, FAIL), (167, PASS, PASS)))
     assert better.answer == (
         "new is better: of 200 fresh roads, it fails on 12, old on 31 (difference -9.5 points,"
@@ -226,7 +236,7 @@ def test_the_answer_says_who_is_better_by_how_much() -> None:
     assert [level.fresh.changes[change] for change in Change] == [0, 5, 4, 191, 0]
 
 
-def test_the_verdict_rests_on_the_fresh_roads() -> None:
+def test_the_verdict_depends_on_the_fresh_roads_only() -> None:
     comparison = result(paired((200, PASS, PASS)), paired((50, FAIL, PASS)))
     assert comparison.answer.startswith(
         "no difference shown: of 200 fresh roads, new fails on 0, old"
@@ -244,8 +254,8 @@ def test_a_better_but_slower_version_is_called_slower() -> None:
     assert few.as_json()["time_difference"] == {"value": 1.0, "low": None, "high": None}
 
 
-def test_drives_with_a_broken_simulator_cannot_win() -> None:
-    # Without them new is better; but what it does where it breaks nobody knows.
+def test_drives_with_a_broken_simulator_decide_no_verdict() -> None:
+    # On the judged roads new is better, but on 40 roads its outcome is unknown.
     comparison = result(paired((30, FAIL, PASS), (40, PASS, ERROR), (130, PASS, PASS)))
     assert comparison.difference is not None
     assert comparison.difference.sign == -1

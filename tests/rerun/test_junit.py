@@ -1,4 +1,4 @@
-"""The JUnit file that says what became of a campaign's roads."""
+"""The JUnit file of a rerun."""
 
 from __future__ import annotations
 
@@ -19,7 +19,9 @@ from frenetic.rerun.rerun import Rerun
 from frenetic.rerun.stability import Repeats
 
 
-def became(number: int, before: Outcome, after: Outcome, reason: str = "Car reached") -> Repeats:
+def rerun_once(
+    number: int, before: Outcome, after: Outcome, reason: str = "Car reached"
+) -> Repeats:
     moobds = {Outcome.FAIL: -2.0, Outcome.PASS: 1.25}
     test = recorded_test(before, id=number)
     drive = redriven({}, after, moobds.get(after), test=test, reason=reason, duration=20.5)
@@ -28,11 +30,11 @@ def became(number: int, before: Outcome, after: Outcome, reason: str = "Car reac
 
 FAIL, PASS = Outcome.FAIL, Outcome.PASS
 TESTS = (
-    became(7, FAIL, PASS),
-    became(8, FAIL, FAIL, 'Car <left> & "gone"'),
-    became(9, PASS, FAIL),
-    became(10, FAIL, Outcome.ERROR, "broke\x00\ud800"),
-    became(11, FAIL, Outcome.INVALID),
+    rerun_once(7, FAIL, PASS),
+    rerun_once(8, FAIL, FAIL, 'Car <left> & "gone"'),
+    rerun_once(9, PASS, FAIL),
+    rerun_once(10, FAIL, Outcome.ERROR, "broke\x00\ud800"),
+    rerun_once(11, FAIL, Outcome.INVALID),
 )
 RERUN = Rerun("night", {"class": "m:Driver"}, {"class": "m:Sim"}, Rules(), len(TESTS), TESTS)
 
@@ -58,12 +60,12 @@ def test_a_junit_parser_finds_every_road(tmp_path: Path) -> None:
     assert messages["test 9"][0][1].startswith("fails now")
     times = [case.get("time") for case in ET.parse(path).iter("testcase")]
     assert times == ["0.250"] * 5  # in s, to the millisecond
-    suite_of, of_7, *_ = (
+    suite_properties, test_7_properties, *_ = (
         {p.get("name"): p.get("value") for p in element}
         for element in ET.parse(path).iter("properties")
     )
-    assert suite_of == {"driver": "m:Driver", "simulator": "m:Sim"}
-    assert of_7 == {
+    assert suite_properties == {"driver": "m:Driver", "simulator": "m:Sim"}
+    assert test_7_properties == {
         "change": "passes now",
         "failed": "0 of 1",
         "outcome": "PASS",
@@ -76,18 +78,20 @@ def test_a_junit_parser_finds_every_road(tmp_path: Path) -> None:
     }
 
 
-# Everything a driver's message or a folder's name may hold, half characters and controls included.
+# Text of a driver's message or a folder's name, with surrogates and control characters.
 any_text = st.text(st.characters(exclude_categories=()), max_size=60)
 
 
 @given(any_text, any_text)
-def test_no_text_breaks_the_file(reason: str, name: str) -> None:
-    test = became(7, FAIL, Outcome.ERROR, reason)
+def test_any_text_gives_a_valid_file(reason: str, name: str) -> None:
+    test = rerun_once(7, FAIL, Outcome.ERROR, reason)
     content = junit(replace(RERUN, campaign=name, tests=(test,)))
     document = ET.fromstring(content)
     (error,) = document.iter("error")
     printable = "".join(c for c in reason if c.isalnum() and c.isascii())
-    said = error.get("message", "")
-    assert printable in "".join(c for c in said if c.isalnum() and c.isascii()) or "\\" in said
+    message = error.get("message", "")
+    assert (
+        printable in "".join(c for c in message if c.isalnum() and c.isascii()) or "\\" in message
+    )
     (suite,) = JUnitXml.fromstring(content)
     assert suite.errors == 1

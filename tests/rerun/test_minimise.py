@@ -1,3 +1,5 @@
+"""Minimising: shorter roads with the same failure."""
+
 from __future__ import annotations
 
 import math
@@ -30,7 +32,7 @@ from frenetic.testing import DummyDriver, DummySimulator, converse
 
 
 class Watched(EmbeddedSimulator):
-    """Keeps the roads that were driven; after so many, it breaks and does not start again."""
+    """Stores the roads that it drives; breaks after a number of drives."""
 
     def __init__(self, *, breaks_after: float = math.inf, starts_again: bool = True) -> None:
         super().__init__()
@@ -52,7 +54,7 @@ class Watched(EmbeddedSimulator):
 
 @pytest.fixture(scope="module")
 def failures(endurance: bool) -> list[Road]:
-    """Failing roads of searches, evenly spaced in time: fifty of five, or four of two."""
+    """Failing roads of searches, evenly spaced in time: 50 of 5 searches, or 4 of 2."""
     tester = RoadTester(EmbeddedSimulator(), Planner())
     roads: list[Road] = []
     searches, drives, each = (5, 300, 10) if endurance else (2, 100, 2)
@@ -84,7 +86,7 @@ def failure_reason(road: Road, drive: Drive) -> FailureReason | None:
 
 
 def alone(road: Road) -> FailureReason | None:
-    """The reason by a simulator that knows nothing of what was driven before."""
+    """Return the reason in a new simulator, without earlier drives."""
     return failure_reason(road, EmbeddedSimulator().drive(road, Planner()))
 
 
@@ -97,7 +99,7 @@ def alone(road: Road) -> FailureReason | None:
         (DummySimulator(speed=1.5), FailureReason.RAN_OUT_OF_TIME),
     ],
 )
-def test_reason_is_the_side_or_the_rule_and_stays(
+def test_minimising_keeps_the_reason_of_the_failure(
     simulator: DummySimulator | EmbeddedSimulator, reason: FailureReason
 ) -> None:
     road = Road(np.full(15, 0.01))
@@ -107,11 +109,11 @@ def test_reason_is_the_side_or_the_rule_and_stays(
     assert minimised.road.length <= 30.0 or reason is FailureReason.RAN_OUT_OF_TIME
 
 
-# What is promised
+# Results
 
 
 def difference(first: Test, second: Test) -> float:
-    """The measure that clusters failures, from the drives."""
+    """Return the difference of two failures, as clusters use it, computed from their drives."""
     vectors = []
     for failed in (first, second):
         assert failed.drive is not None
@@ -151,12 +153,12 @@ def test_roads_become_half_as_long_with_the_same_failure(failures: list[Road]) -
     assert median(shares) <= 0.55
 
 
-REGAINED = [
+GUARDED = [
     *(0.0233, 0.0523, 0.0325, -0.0121, 0.0062, -0.0192, -0.0048, -0.0172, -0.0034, -0.0276, -0.026),
     *(-0.0207, -0.0073, -0.037, 0.0098, -0.0112, -0.0306, -0.0471, -0.0651, -0.0468, -0.0135),
     *(-0.0135, 0.0075, -0.023),
 ]
-NEVER = [
+UNGUARDED = [
     *(0.043, 0.009, 0.037, 0.035, 0.028, -0.02, -0.054, -0.05, -0.009, -0.028, -0.01, -0.003),
     *(0.007, -0.015, -0.016, -0.02, 0.029, 0.007, -0.005, -0.017, -0.035, 0.002, -0.019, 0.025),
     *(0.022, -0.022, 0.013, 0.05),
@@ -165,9 +167,9 @@ NEVER = [
 
 @pytest.mark.parametrize(
     ("curvatures", "is_guarded"),
-    [(REGAINED, True), pytest.param(NEVER, False, marks=pytest.mark.heavy)],
+    [(GUARDED, True), pytest.param(UNGUARDED, False, marks=pytest.mark.heavy)],
 )
-def test_roads_whose_neighbours_pass_become_shorter_too(
+def test_roads_whose_neighbours_pass_are_shortened_too(
     curvatures: list[float], is_guarded: bool
 ) -> None:
     placed, _ = Road(curvatures).placed()
@@ -178,7 +180,7 @@ def test_roads_whose_neighbours_pass_become_shorter_too(
 
 
 @pytest.mark.parametrize("max_drives", [1, 7, 60])
-def test_no_more_drives_are_made_than_allowed(failures: list[Road], max_drives: int) -> None:
+def test_max_drives_limits_the_drives(failures: list[Road], max_drives: int) -> None:
     simulator, tests = Watched(), list[Test]()
     options = {"max_drives": max_drives, "on_event": on_test(tests.append)}
     minimised = minimised_by(simulator, failures[1], **options)
@@ -186,12 +188,12 @@ def test_no_more_drives_are_made_than_allowed(failures: list[Road], max_drives: 
     assert minimised.stop_reason is StopReason.SPENT
     lengths = [test.candidate.notes["length"] for test in tests[1:]]
     assert lengths == sorted(lengths, reverse=True)
-    if max_drives == 1:  # which finds out that it fails
+    if max_drives == 1:  # the only drive checks that the road fails
         assert minimised.smallest.id == minimised.original.id == 1
 
 
-def test_roads_of_many_points_and_wide_lanes(failures: list[Road]) -> None:
-    # As they come in the competition's files: some points, joined by a spline.
+def test_roads_of_many_points_and_wide_lanes_are_minimised(failures: list[Road]) -> None:
+    # Like roads in the competition's files: points, joined by a spline.
     road = Road.from_points(failures[0].sample(8.0))
     minimised = minimised_by(EmbeddedSimulator(), road)
     assert minimised.shapes[0].step == road.step < 1.0
@@ -201,10 +203,10 @@ def test_roads_of_many_points_and_wide_lanes(failures: list[Road]) -> None:
     tester = RoadTester(DummySimulator(lambda road: 6.0), DummyDriver(), terms)
     wide = minimise(Road([0.0, 0.02] * 6, lane_width=5.0), tester).road
     assert wide.lane_width == 5.0
-    assert wide.length <= 30.0  # at least 20 m make a valid road
+    assert wide.length <= 30.0  # a valid road is longer than 20 m
 
 
-# What may go wrong
+# Mistakes, faults and interruptions
 
 
 STRAIGHT = Road([0.0] * 15)
@@ -233,7 +235,7 @@ def test_roads_that_cannot_be_minimised_are_refused(
         (False, 40, "the simulator does not start: ConnectionError: no licence"),
     ],
 )
-def test_simulator_that_breaks_for_good_leaves_the_smallest_road(
+def test_a_simulator_that_breaks_for_good_leaves_the_smallest_road(
     failures: list[Road], starts_again: bool, drives: int, words: str
 ) -> None:
     simulator = Watched(breaks_after=40, starts_again=starts_again)
@@ -252,7 +254,7 @@ def press_at(drives: int) -> Callable[[Summary], None]:
     return press
 
 
-def test_an_interrupted_call_goes_on_and_a_complete_one_is_read(
+def test_the_next_call_resumes_an_interrupted_and_reads_a_complete_minimisation(
     failures: list[Road], tmp_path: Path
 ) -> None:
     road, simulator = failures[0], Watched()

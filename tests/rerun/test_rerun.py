@@ -75,7 +75,7 @@ def folders(campaign: Path) -> set[Path]:
 
 
 class Icy(DummySimulator):
-    """Simulator whose car leaves its lane where friction is below 0.9, farther with less."""
+    """Simulator whose car leaves its lane if friction is below 0.9, farther with less friction."""
 
     def __init__(self) -> None:
         super().__init__(lambda road: 0.0 if self.friction >= 0.9 else 4.0 + 1.0 - self.friction)
@@ -83,7 +83,7 @@ class Icy(DummySimulator):
 
 
 class Unreliable(DummySimulator):
-    """Simulator that breaks unless `works` is set."""
+    """Simulator that breaks unless `works` is true."""
 
     works = False
 
@@ -103,7 +103,7 @@ def in_other_car(folder: Path) -> Rerun:
 
 
 @pytest.mark.parametrize("workers", [1, 2])
-def test_a_campaign_driven_again_ends_bit_for_bit_alike(campaign: Path, workers: int) -> None:
+def test_a_rerun_gives_the_same_results_bit_for_bit(campaign: Path, workers: int) -> None:
     tests = driven_in(campaign)
     run = rerun_tests(campaign, tests, workers=workers)
     assert [drive.recorded.id for drive in run.drives] == [test.id for test in tests]
@@ -136,7 +136,7 @@ def test_only_roads_that_were_driven_are_driven_again(campaign: Path) -> None:
     with pytest.raises(CampaignError, match="test 1000 is INVALID: only a road that was driven"):
         rerun_tests(campaign, [*driven_in(campaign)[:1], refused])
     assert rerun_tests(campaign, []).drives == []
-    assert not (campaign / FOLDER).exists(), "nothing to drive makes nothing"
+    assert not (campaign / FOLDER).exists(), "without tests there is no folder"
 
 
 # Changes
@@ -150,7 +150,7 @@ def test_only_roads_that_were_driven_are_driven_again(campaign: Path) -> None:
         (EmbeddedSimulator(), Planner(aggression=0.5), "passes now"),
     ],
 )
-def test_all_failures_are_driven_again_unless_others_are_named(
+def test_a_rerun_drives_all_failures_by_default(
     campaign: Path, simulator: Simulator, driver: Driver, change: str
 ) -> None:
     result = rerun(campaign, simulator, driver)
@@ -168,7 +168,7 @@ def test_drives_with_a_broken_simulator_are_not_judged(campaign: Path) -> None:
     assert {drive.reason for drive in result.drives} == {"no connection \\ud800"}
 
 
-def test_the_same_failure_is_at_the_same_place_with_the_same_mechanism(campaign: Path) -> None:
+def test_the_same_failure_has_the_same_place_side_and_mechanism(campaign: Path) -> None:
     result = rerun(campaign, EmbeddedSimulator(friction=0.99), Planner())
     for repeat in result.drives:
         vectors, places = [], []
@@ -192,10 +192,10 @@ def test_the_same_failure_is_at_the_same_place_with_the_same_mechanism(campaign:
     assert sum(document["matches"].values()) == document["changes"]["fails again"]
 
 
-def test_a_failure_by_friction_repeats_in_its_share_of_the_range(
+def test_a_failure_by_friction_repeats_in_that_share_of_the_range(
     campaign: Path,
 ) -> None:
-    # Below 0.9 lies a quarter of 0.8 to 1.2, and the draws are even: exactly 5 of 20.
+    # A quarter of 0.8 to 1.2 is below 0.9, and draws are even: exactly 5 of 20 fail.
     ranges = [Variation("friction", 0.8, 1.2), Variation("speed", 50.0, 90.0)]
     tests = rerun(campaign, Icy(), DummyDriver(), times=20, vary=ranges).tests
     for test in tests:
@@ -225,7 +225,7 @@ def test_a_stored_rerun_equals_the_returned_one(campaign: Path, tmp_path: Path) 
     assert read_reruns(tmp_path) == []
 
 
-def test_the_most_informative_repeats_with_the_campaigns_parts_win(
+def test_own_repeats_are_the_most_informative_repeats_with_the_campaigns_parts(
     campaign: Path,
 ) -> None:
     first, second, *_ = (test.id for test in failures_in(campaign))
@@ -250,7 +250,7 @@ def test_the_most_informative_repeats_with_the_campaigns_parts_win(
     assert {test.id: len(test.drives) for test in repeats} == {first: 2, second: 5}
 
 
-def there(campaign: Path) -> list[Rerun]:
+def elsewhere(campaign: Path) -> list[Rerun]:
     with CampaignStore.open(campaign) as store:
         return in_other_simulators(read_reruns(campaign), store.config)
 
@@ -258,11 +258,11 @@ def there(campaign: Path) -> list[Rerun]:
 def test_reruns_in_another_simulator_are_merged(campaign: Path) -> None:
     ids = [test.id for test in failures_in(campaign)]
     rerun(campaign, EmbeddedSimulator(), Planner())
-    assert there(campaign) == [], "that is its own"
+    assert elsewhere(campaign) == [], "the rerun used the campaign's simulator"
     first = in_other_car(campaign)
     for chosen in (ids[2:], ids[:1]):
         rerun(campaign, EmbeddedSimulator(friction=0.9), Planner(), tests=chosen)
-    other_car, merged = there(campaign)
+    other_car, merged = elsewhere(campaign)
     assert (other_car.key, other_car.as_json()) == (first.key, first.as_json())
     assert [test.id for test in merged.tests] == [*ids[2:], ids[0]]
     assert merged.missing == 0
@@ -294,39 +294,39 @@ def test_a_rerun_is_named_after_its_simulator_and_conditions(tmp_path: Path) -> 
         assert rerun_name(run, config) == f"embedded,friction=0.8{words}"
 
 
-def test_each_thing_to_drive_has_a_folder_and_is_driven_once(campaign: Path) -> None:
-    tests, usual, icy = driven_in(campaign), Counting(), Counting(friction=0.9)
+def test_each_rerun_has_its_own_folder_and_is_driven_once(campaign: Path) -> None:
+    tests, default, icy = driven_in(campaign), Counting(), Counting(friction=0.9)
     slow = Counting(rules=Rules(speed_limit=60.0))
-    asked: list[Callable[[], Rerun]] = [
-        lambda: rerun_tests(campaign, simulator=usual),
-        lambda: rerun_tests(campaign, simulator=usual, driver=Planner(aggression=0.9)),
+    calls: list[Callable[[], Rerun]] = [
+        lambda: rerun_tests(campaign, simulator=default),
+        lambda: rerun_tests(campaign, simulator=default, driver=Planner(aggression=0.9)),
         lambda: rerun_tests(campaign, simulator=icy),
         lambda: rerun_tests(campaign, simulator=slow),
-        lambda: rerun_tests(campaign, tests[:3], simulator=usual),
-        lambda: rerun_tests(campaign, tests[:3], [{"friction": 0.9}], simulator=usual),
-        lambda: rerun_tests(campaign, tests[:3], [{}, {}], simulator=usual),
+        lambda: rerun_tests(campaign, tests[:3], simulator=default),
+        lambda: rerun_tests(campaign, tests[:3], [{"friction": 0.9}], simulator=default),
+        lambda: rerun_tests(campaign, tests[:3], [{}, {}], simulator=default),
     ]
     runs = []
-    for number, ask in enumerate(asked, start=1):
-        runs.append(ask())
+    for number, call in enumerate(calls, start=1):
+        runs.append(call())
         assert len(folders(campaign)) == number
         assert len(runs[-1].drives) == runs[-1].planned
-    driven = [simulator.driven for simulator in (usual, icy, slow)]
+    driven = [simulator.driven for simulator in (default, icy, slow)]
     assert driven == [24, 6, 6]
-    calls: list[Event] = []
-    for ask, run in zip(asked, runs, strict=True):
-        repeated = ask()
+    events: list[Event] = []
+    for call, run in zip(calls, runs, strict=True):
+        repeated = call()
         assert results_of(repeated) == results_of(run)
         assert repeated.folder == run.folder
-    rerun_tests(campaign, simulator=usual, workers=2, on_event=calls.append)
-    kinds = [event.kind for event in calls]
-    assert kinds == ["complete"], "a complete one is shown, no simulator starts"
-    assert [simulator.driven for simulator in (usual, icy, slow)] == driven
-    assert len(folders(campaign)) == len(asked)
-    assert len(read_reruns(campaign)) == len(asked)
+    rerun_tests(campaign, simulator=default, workers=2, on_event=events.append)
+    kinds = [event.kind for event in events]
+    assert kinds == ["complete"], "a complete rerun starts no simulator"
+    assert [simulator.driven for simulator in (default, icy, slow)] == driven
+    assert len(folders(campaign)) == len(calls)
+    assert len(read_reruns(campaign)) == len(calls)
 
 
-def test_a_folder_with_something_else_is_refused(campaign: Path, tmp_path: Path) -> None:
+def test_a_folder_of_another_campaign_is_refused(campaign: Path, tmp_path: Path) -> None:
     out, other = tmp_path / "out", tmp_path / "other"
     run = rerun_tests(campaign, out=out)
     Campaign(
@@ -363,7 +363,7 @@ def raise_error() -> None:
 
 @pytest.mark.parametrize("workers", [1, 2])
 @pytest.mark.parametrize("stop", [press_ctrl_c, raise_error])
-def test_the_same_call_goes_on_and_ends_as_if_unbroken(
+def test_the_same_call_resumes_an_interrupted_rerun_with_the_same_results(
     campaign: Path, stop: Callable[[], None], workers: int
 ) -> None:
     conditions = [{}, {"friction": 0.8}]
@@ -383,17 +383,17 @@ def test_the_same_call_goes_on_and_ends_as_if_unbroken(
         assert run.planned == 12
         drive_counts.append(len(run.drives))
     result = rerun_tests(campaign, None, conditions, workers=workers, on_event=on_result(interrupt))
-    if workers == 1:  # several finish what runs
+    if workers == 1:  # several workers finish running drives
         assert drive_counts == [3, 7]
         assert reports[-1] == (12, sum(drive.outcome is Outcome.FAIL for drive in whole.drives))
     assert results_of(result) == results_of(whole)
     assert [drives for drives, _ in reports] == sorted({drives for drives, _ in reports}), (
-        "each once"
+        "each number of drives is reported once"
     )
     assert not check_campaign(result.folder or campaign).findings
 
 
-def test_a_campaign_that_was_moved_goes_on(
+def test_a_rerun_goes_on_after_its_campaign_was_moved(
     campaign: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     with suppress(CallbackError):
@@ -401,8 +401,8 @@ def test_a_campaign_that_was_moved_goes_on(
     campaign.rename(tmp_path / "moved")
     monkeypatch.chdir(tmp_path)
     reports: list[int] = []
-    tell = on_result(lambda now: reports.append(now.simulations))
-    run = rerun_tests(Path("moved"), on_event=tell)
+    report = on_result(lambda now: reports.append(now.simulations))
+    run = rerun_tests(Path("moved"), on_event=report)
     assert (len(folders(Path("moved"))), reports) == (1, [2, 3, 4, 5, 6])
     assert all(drive.is_same for drive in run.drives)
 
@@ -432,7 +432,9 @@ def spoil(folder: Path, change: str) -> None:
         ("DELETE FROM test WHERE outcome = 'FAIL'", False, "holds no test of candidate"),
     ],
 )
-def test_a_damaged_run_is_one_line(campaign: Path, change: str, is_own: bool, words: str) -> None:
+def test_a_damaged_rerun_is_an_error_in_one_line(
+    campaign: Path, change: str, is_own: bool, words: str
+) -> None:
     """The rerun is damaged, or a test of the campaign is missing."""
     failing = failures_in(campaign)
     run = rerun_tests(campaign, failing)

@@ -1,3 +1,5 @@
+"""The shrinker: smallest shapes with a property, whatever the property is."""
+
 from __future__ import annotations
 
 import zlib
@@ -19,9 +21,9 @@ from frenetic.rerun.shrinker import (
     rounded_away,
 )
 
-ENOUGH = 20_000
+ENOUGH_TRIALS = 20_000
 
-some = settings(max_examples=80)
+some_examples = settings(max_examples=80)
 
 values = st.floats(-0.07, 0.07, allow_nan=False)
 shapes = st.builds(Shape, st.lists(values, min_size=2, max_size=20).map(tuple), st.just(10.0))
@@ -44,7 +46,7 @@ def shrink(
     neighbours: Callable[[Shape], Iterable[Shape]] = lambda shape: (),
     place: float | None = None,
 ) -> Shrunk:
-    """Answers a shrinker until it ends or so many trials are spent."""
+    """Answer a shrinker until it ends or has made ``max_trials`` trials."""
     shrinker, is_minimal = Shrinker(start, neighbours, place=place), False
     run = shrinker.run()
     try:
@@ -62,7 +64,7 @@ def when(holds: Callable[[Shape], bool]) -> Callable[[Shape], TrialResult]:
 
 
 def at_random(seed: int, *, refusing: bool = False) -> Callable[[Shape], TrialResult]:
-    """Answers that follow no rule, but always the same to the same shape."""
+    """Return a property that follows no rule but is the same for the same shape."""
 
     def ask(shape: Shape) -> TrialResult:
         number = zlib.crc32(repr((seed, shape.values, shape.step)).encode())
@@ -94,7 +96,7 @@ def sharp(least: float) -> Callable[[Shape], bool]:
         (Shape((0.0, 0.05), 10.0), Shape((0.05, 0.0), 10.0)),  # no two are alike
     ],
 )
-def test_shorter_comes_first_then_plainer(smaller: Shape, larger: Shape) -> None:
+def test_shapes_are_ordered_by_length_then_by_simplicity(smaller: Shape, larger: Shape) -> None:
     assert smaller.rank < larger.rank
 
 
@@ -122,7 +124,7 @@ def test_the_order_is_total(first: Shape, second: Shape) -> None:
     assert (signed, hash(signed), repr(signed)) == (first, hash(first), repr(first))
 
 
-def test_curves_are_counted_by_the_way_they_turn() -> None:
+def test_a_curve_ends_where_the_side_changes() -> None:
     for curves, *curvatures in (
         (0, 0.0, 0.0),
         (2, 0.1, 0.2, -0.1, -0.2),
@@ -140,22 +142,22 @@ def test_rounding_away_never_gets_closer_to_0(value: float, digits: int) -> None
     assert away * value >= 0.0
 
 
-@some
+@some_examples
 @given(shapes, st.integers(0, 2**32), st.booleans(), st.integers(0, 100))
 def test_any_property_is_shrunk_until_no_change_improves_the_shape(
     start: Shape, seed: int, refusing: bool, few: int
 ) -> None:
-    """Nothing is asked twice, no trial is one too many, and the same comes of the same."""
+    """No shape is tried twice, no trial is too many, and results repeat."""
     ask = at_random(seed, refusing=refusing)
-    asked: list[Shape] = []
+    tried: list[Shape] = []
 
     def counting(shape: Shape) -> TrialResult:
-        asked.append(shape)
+        tried.append(shape)
         return ask(shape)
 
-    shrunk = shrink(start, counting, max_trials=ENOUGH)
-    assert len({start, *asked}) == 1 + len(asked)
-    assert shrunk.trials == sum(ask(shape) is not TrialResult.REFUSED for shape in asked)
+    shrunk = shrink(start, counting, max_trials=ENOUGH_TRIALS)
+    assert len({start, *tried}) == 1 + len(tried)
+    assert shrunk.trials == sum(ask(shape) is not TrialResult.REFUSED for shape in tried)
     assert shrunk.is_minimal
     shapes = [improvement.shape for improvement in shrunk.improvements]
     ranks = [shape.rank for shape in (start, *shapes)]
@@ -175,13 +177,13 @@ def test_any_property_is_shrunk_until_no_change_improves_the_shape(
     assert part.trials == few or part == shrunk
 
 
-# Properties of which the smallest shape is known
+# Properties with a known smallest shape
 
 
 LEFT = [0.03] * 3
 EITHER_WAY = [[0.05, 0.05], [-0.05, -0.05]]
-KNOWN: list[tuple[Callable[[Shape], bool], Callable[[Shape], bool]]] = [
-    # Two samples are the least, a constant curvature is the plainest, and as round as can be.
+SMALLEST_SHAPES: list[tuple[Callable[[Shape], bool], Callable[[Shape], bool]]] = [
+    # The smallest shape has two samples and a constant, round curvature.
     (sharp(0.05), lambda best: list(best.values) in EITHER_WAY),
     (sharp(0.0432), lambda best: list(best.values) in EITHER_WAY),
     (lambda shape: len(shape) >= 7, lambda best: set(best.values) == {0.0} and len(best) == 7),
@@ -189,22 +191,22 @@ KNOWN: list[tuple[Callable[[Shape], bool], Callable[[Shape], bool]]] = [
         lambda shape: sum(value >= 0.03 for value in shape.values) >= 3,
         lambda best: list(best.values) == LEFT,
     ),
-    (  # a left and a right one, or two that turn alike with a straight sample in between
+    (  # a left and a right curve, or two equal curves with a straight sample in between
         lambda shape: shape.curves >= 2,
         lambda best: (len(best), max(map(abs, best.values))) in {(2, 0.01), (3, 0.01)},
     ),
 ]
-"""A property, and whether a shape is the smallest one that has it."""
+"""A property, and a function that says whether a shape is the smallest with this property."""
 
 
-@some
-@given(st.data(), st.sampled_from(KNOWN))
+@some_examples
+@given(st.data(), st.sampled_from(SMALLEST_SHAPES))
 def test_the_smallest_shape_is_found(
-    data: st.DataObject, known: tuple[Callable[[Shape], bool], Callable[[Shape], bool]]
+    data: st.DataObject, case: tuple[Callable[[Shape], bool], Callable[[Shape], bool]]
 ) -> None:
-    has_it, is_smallest = known
-    start = data.draw(shapes.filter(has_it))
-    assert is_smallest(shrink(start, when(has_it), max_trials=ENOUGH).shape)
+    has_property, is_smallest = case
+    start = data.draw(shapes.filter(has_property))
+    assert is_smallest(shrink(start, when(has_property), max_trials=ENOUGH_TRIALS).shape)
 
 
 def test_shortening_takes_few_trials() -> None:
@@ -218,14 +220,17 @@ def test_shortening_takes_few_trials() -> None:
 # Options
 
 
-def test_samples_that_are_denser_than_10_m_are_thinned_out_first() -> None:
+def test_samples_denser_than_10_m_are_thinned_out_first() -> None:
     places = np.linspace(0.0, 120.0, 241)
     start = Shape(tuple(np.interp(places, [0.0, 60.0, 120.0], [0.0, 0.06, 0.0])), 0.5)
     shrunk = shrink(start, when(sharp(0.055)), max_trials=1)
     assert (shrunk.shape.step, len(shrunk.shape)) == (10.0, 13)
     assert shrunk.improvements[0].by == "coarsen"
     dense = when(lambda shape: sharp(0.05)(shape) and shape.length >= 15.0)
-    for place, trials, step in ((7, 3, 1.0), (5, 2, 5.0)):  # which 10, 5 and 2 m skip, or 10 m
+    for place, trials, step in (
+        (7, 3, 1.0),
+        (5, 2, 5.0),
+    ):  # steps of 10, 5 and 2 m, or of 10 m, skip the spike
         spike = Shape((0.0,) * place + (0.06,) + (0.0,) * (20 - place), 1.0)
         assert shrink(spike, dense, max_trials=trials).shape.step == step
 
@@ -237,7 +242,7 @@ def test_a_road_that_is_thinned_out_keeps_its_speed_limits() -> None:
     assert (shape.step, [limit for *_, limit in shape.slopes]) == (10.0, [50.0, 50.0, 30.0, 30.0])
 
 
-def test_neighbours_have_to_have_the_property_too() -> None:
+def test_neighbours_must_have_the_property_too() -> None:
     def ask(shape: Shape) -> TrialResult:
         most = max(map(abs, shape.values))
         return (
@@ -252,22 +257,22 @@ def test_neighbours_have_to_have_the_property_too() -> None:
         return [shape.scaled(0.9), shape.scaled(1.1)]
 
     start = Shape((0.058, 0.06, 0.01), 10.0)
-    alone = shrink(start, ask, max_trials=ENOUGH).shape
-    guarded = shrink(start, ask, max_trials=ENOUGH, neighbours=neighbours).shape
+    alone = shrink(start, ask, max_trials=ENOUGH_TRIALS).shape
+    guarded = shrink(start, ask, max_trials=ENOUGH_TRIALS, neighbours=neighbours).shape
     assert (alone.values, guarded.values) == ((0.03, 0.03), (0.04, 0.04))
-    # A neighbour that is refused says nothing.
+    # A refused neighbour does not count.
     sharpest = shrink(Shape((0.0, 0.0, 0.06), 10.0), ask, max_trials=5, neighbours=neighbours)
     assert sharpest.shape.length == 10.0
 
 
-def test_neighbours_need_not_have_the_property_until_they_do() -> None:
+def test_neighbours_count_only_from_the_first_shape_whose_neighbours_have_the_property() -> None:
     start = Shape((0.0, 0.05, 0.0, 0.02), 10.0)
     ask = when(lambda shape: 0.05 in shape.values or len(shape) == 2)
     for neighbours, is_guarded in (
         (lambda shape: [shape.scaled(0.9)], True),
-        (lambda _: [start.scaled(0.9)], False),  # which never has it
+        (lambda _: [start.scaled(0.9)], False),  # this neighbour never has the property
     ):
-        shrunk = shrink(start, ask, max_trials=ENOUGH, neighbours=neighbours)
+        shrunk = shrink(start, ask, max_trials=ENOUGH_TRIALS, neighbours=neighbours)
         assert (shrunk.shape.length, shrunk.is_guarded) == (10.0, is_guarded)
 
 

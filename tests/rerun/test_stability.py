@@ -1,4 +1,4 @@
-"""Stability of failures: known shares, matches, and the conditions that matter."""
+"""Stability of failures: shares, matches, and the conditions that matter."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from frenetic.testing import DummyDriver, DummySimulator
 
 pytest_plugins = ["searched_campaign"]
 
-# How often
+# Shares
 
 
 def test_a_deterministic_failure_repeats_every_time(campaign: Path) -> None:
@@ -62,7 +62,7 @@ def test_drives_with_a_broken_simulator_are_not_judged() -> None:
         (1, 1, None),
     ],
 )
-def test_stability_needs_the_whole_interval_on_one_side(
+def test_stability_needs_the_whole_interval_on_the_same_side(
     failed: int, times: int, stability: Stability | None
 ) -> None:
     drives = [Outcome.FAIL] * failed + [Outcome.PASS] * (times - failed)
@@ -73,12 +73,12 @@ def test_stability_needs_the_whole_interval_on_one_side(
 
 
 def outcomes(*drive_outcomes: Outcome, before: Outcome = Outcome.FAIL) -> Repeats:
-    """A test whose drives ended so."""
+    """Return repeats with these outcomes."""
     drives = tuple(redriven({}, outcome, None) for outcome in drive_outcomes)
     return Repeats(recorded(before), drives, (Variation("friction", 0.8, 1.0),))
 
 
-def test_another_failure_on_the_road_does_not_count_as_robust() -> None:
+def test_other_failures_on_the_road_do_not_make_a_failure_robust() -> None:
     test = recorded(Outcome.FAIL, -1.0, 50.0, "left")
     same, elsewhere = (
         redriven({}, Outcome.FAIL, -1.0, place, "left", test=test, difference=0.5)
@@ -101,23 +101,27 @@ def test_differing_drives_are_not_repeatable() -> None:
         assert Repeats(test, drives, is_own=False).stability is not Stability.NOT_REPEATABLE
 
 
-# What matters
+# Influences
 
 
-def of_worlds(worlds: tuple[Conditions, ...], ranges: list[Variation], **outcomes: Any) -> Repeats:
-    """A test whose drives fail and pass as a function of the world says."""
+def repeats_in(draws: tuple[Conditions, ...], ranges: list[Variation], **outcomes: Any) -> Repeats:
+    """Return repeats whose outcomes follow from the conditions by ``verdict``."""
     verdict = outcomes["verdict"]
     drives = tuple(
-        redriven(world, Outcome.FAIL if (moobd := verdict(world)) < 0.0 else Outcome.PASS, moobd)
-        for world in worlds
+        redriven(
+            conditions,
+            Outcome.FAIL if (moobd := verdict(conditions)) < 0.0 else Outcome.PASS,
+            moobd,
+        )
+        for conditions in draws
     )
     return Repeats(recorded(), drives, tuple(ranges))
 
 
 def test_only_conditions_that_matter_are_named() -> None:
     ranges = [Variation("friction", 0.8, 1.0), Variation("delay", 0.0, 0.2)]
-    worlds = draw_conditions(ranges, 20, 1)
-    repeats = of_worlds(worlds, ranges, verdict=lambda w: w["friction"] - 0.93)
+    draws = draw_conditions(ranges, 20, 1)
+    repeats = repeats_in(draws, ranges, verdict=lambda w: w["friction"] - 0.93)
     first, second = repeats.influences
     assert (first.condition, first.matters) == ("friction", True)
     assert first.spearman > 0.8
@@ -127,8 +131,8 @@ def test_only_conditions_that_matter_are_named() -> None:
     )
     assert "delay" not in str(repeats)
     ranges = [Variation("noise", 0.0, 0.4)]
-    worlds = draw_conditions(ranges, 30, 1)
-    (influence,) = of_worlds(worlds, ranges, verdict=lambda w: 0.2 - w["noise"]).influences
+    draws = draw_conditions(ranges, 30, 1)
+    (influence,) = repeats_in(draws, ranges, verdict=lambda w: 0.2 - w["noise"]).influences
     assert influence.spearman < -0.8
     assert str(influence).startswith("more noise is worse")
 
@@ -138,26 +142,25 @@ def test_only_conditions_that_matter_are_named() -> None:
     [
         (0.5, 7, 0.7),  # too few drives
         (1.0, 20, 0.7),  # nothing varied
-        # With less friction a car is slower, so it is less far out when its drive is ended.
-        (0.5, 20, 2.0),  # all failed
+        (0.5, 20, 2.0),  # all fail
     ],
 )
 def test_influences_need_enough_differing_drives(low: float, times: int, least: float) -> None:
     ranges = [Variation("friction", low, 1.0)]
-    worlds = draw_conditions(ranges, times, 1)
-    assert of_worlds(worlds, ranges, verdict=lambda w: w["friction"] - least).influences == ()
+    draws = draw_conditions(ranges, times, 1)
+    assert repeats_in(draws, ranges, verdict=lambda w: w["friction"] - least).influences == ()
 
 
 def test_p_values_are_corrected_for_the_number_of_conditions() -> None:
     ranges = [Variation("friction", 0.5, 1.0), Variation("delay", 0.0, 0.2)]
-    worlds = draw_conditions(ranges, 12, 0)
+    draws = draw_conditions(ranges, 12, 0)
     verdict = {"verdict": lambda w: w["delay"] - 0.1 + 0.2 * w["friction"]}
     both = {
         influence.condition: influence.p
-        for influence in of_worlds(worlds, ranges, **verdict).influences
+        for influence in repeats_in(draws, ranges, **verdict).influences
     }
     alone = {
-        range_.condition: of_worlds(worlds, [range_], **verdict).influences[0].p
+        range_.condition: repeats_in(draws, [range_], **verdict).influences[0].p
         for range_ in ranges
     }
     smaller = min(alone, key=lambda name: alone[name])
@@ -208,7 +211,7 @@ def test_the_text_counts_drives_with_the_same_failure() -> None:
     }
 
 
-# Worlds
+# Draws of conditions
 
 
 @given(
@@ -221,30 +224,30 @@ def test_each_range_is_covered_evenly(names: list[str], times: int, seed: int) -
         Variation(name, known_conditions()[name].low, known_conditions()[name].high)
         for name in names
     ]
-    worlds = draw_conditions(ranges, times, seed)
-    assert len(worlds) == times
+    draws = draw_conditions(ranges, times, seed)
+    assert len(draws) == times
     for variation in ranges:
-        values = [world[variation.condition] for world in worlds]
+        values = [conditions[variation.condition] for conditions in draws]
         parts = sorted(
             math.floor((value - variation.low) / (variation.high - variation.low) * times)
             for value in values
         )
         assert parts == list(range(times))
-    assert worlds == draw_conditions(ranges[::-1], times, seed), "the order of the ranges counts"
+    assert draws == draw_conditions(ranges[::-1], times, seed), "the order of the ranges counts"
     for name in known_conditions().keys() - names:
-        assert {world.get(name) for world in worlds} == {None}
+        assert {conditions.get(name) for conditions in draws} == {None}
 
 
 def test_each_drive_has_its_own_noise_and_nothing_else_without_variation() -> None:
-    worlds = draw_conditions([Variation("noise", 0.2, 0.2)], 10, 1)
-    assert {world["noise"] for world in worlds} == {0.2}
-    assert len({world["noise_seed"] for world in worlds}) == 10
-    assert worlds != draw_conditions([Variation("noise", 0.2, 0.2)], 10, 2)
+    draws = draw_conditions([Variation("noise", 0.2, 0.2)], 10, 1)
+    assert {conditions["noise"] for conditions in draws} == {0.2}
+    assert len({conditions["noise_seed"] for conditions in draws}) == 10
+    assert draws != draw_conditions([Variation("noise", 0.2, 0.2)], 10, 2)
     assert draw_conditions([], 3, 0) == ({},) * 3
 
 
 @pytest.mark.parametrize(
-    ("ranges", "times", "seed", "said"),
+    ("ranges", "times", "seed", "message"),
     [
         *(([], times, 0, "times is") for times in (0, -1, 2.5, True)),
         *(([], 2, seed, f"seed is {seed!r}: a") for seed in (-1, 1.5, "a", None, 2**63)),
@@ -256,11 +259,11 @@ def test_each_drive_has_its_own_noise_and_nothing_else_without_variation() -> No
     ],
 )
 def test_invalid_ranges_are_refused(
-    ranges: list[tuple[str, float, float]], times: Any, seed: Any, said: str
+    ranges: list[tuple[str, float, float]], times: Any, seed: Any, message: str
 ) -> None:
     with pytest.raises((FreneticError, ValueError)) as caught:
         draw_conditions([Variation(*arguments) for arguments in ranges], times, seed)
-    assert said in str(caught.value)
+    assert message in str(caught.value)
 
 
 def test_usual_ranges_follow_the_simulator(campaign: Path) -> None:
@@ -275,10 +278,10 @@ def test_usual_ranges_follow_the_simulator(campaign: Path) -> None:
         Variation.usual("grip", simulator)
     with pytest.raises(FreneticError, match="DummySimulator cannot vary start"):
         rerun(campaign, DummySimulator(), DummyDriver(), vary=[Variation("start", 0.0, 0.1)])
-    assert read_reruns(campaign) == [], "nothing is driven before"
+    assert read_reruns(campaign) == [], "the error comes before a drive"
 
 
-def test_usual_ranges_lie_on_both_sides_of_the_campaigns_own_amount() -> None:
+def test_usual_ranges_lie_on_both_sides_of_the_campaigns_amount() -> None:
     simulator = EmbeddedSimulator(
         rules=Rules(speed_limit=50.0), friction=0.7, start_offset=0.5, start_heading=-0.1
     )
@@ -293,7 +296,9 @@ def test_usual_ranges_lie_on_both_sides_of_the_campaigns_own_amount() -> None:
         assert below == pytest.approx(above) or row.low == usual.low, name
     assert Variation.usual("noise", simulator, 0.5) == Variation("noise", 0.3, 0.7)
     assert Variation.usual("view", simulator, 40.0) == Variation("view", 20.0, 60.0)
-    assert Variation.usual("friction", EmbeddedSimulator(friction=1.4)).high == 1.5, "the most"
+    assert Variation.usual("friction", EmbeddedSimulator(friction=1.4)).high == 1.5, (
+        "no more than its bound"
+    )
     for quick in (EmbeddedSimulator(vehicle="etk800"), EmbeddedSimulator(steering_lag=0.05)):
         usual = Variation.usual("lag", quick)
         assert (usual.low, usual.high) == pytest.approx((0.025, 0.075))

@@ -1,4 +1,4 @@
-"""Tests of a domain driven again and compared: in their own conditions, unless others are asked."""
+"""Reruns and comparisons of tests of a domain, in recorded or other conditions."""
 
 from __future__ import annotations
 
@@ -105,7 +105,7 @@ def test_a_usual_range_lies_around_each_tests_amount(
         assert repeats.is_own
 
 
-def test_amounts_of_the_parts_win_over_recorded_ones(campaign: Path) -> None:
+def test_amounts_of_the_parts_override_recorded_amounts(campaign: Path) -> None:
     test = next(test for test in driven(campaign) if "gust" in test.candidate.conditions)
     recorded = dict(test.candidate.conditions)
     result = rerun_tests(
@@ -120,7 +120,9 @@ def test_amounts_of_the_parts_win_over_recorded_ones(campaign: Path) -> None:
     assert not result.tests[0].is_own
     calm = rerun_tests(campaign, tests=[test.id], times=2, instead=["gust"])
     assert calm.simulator == rerun_tests(campaign, tests=[test.id]).simulator
-    assert not calm.tests[0].is_own, "the parts are the campaign's, the conditions are not"
+    assert not calm.tests[0].is_own, (
+        "the parts are those of the campaign, the conditions are others"
+    )
     assert calm.tests[0].stability is not Stability.REPEATABLE
     assert own_repeats([calm]) == []
     usual = Variation.usual("friction", EmbeddedSimulator(friction=0.5))

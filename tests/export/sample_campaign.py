@@ -1,4 +1,4 @@
-"""A campaign whose tests end in every way but ERROR, and copies that are damaged or told anew."""
+"""A campaign with every outcome but ERROR, and damaged or rewritten copies of it."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ from frenetic.simulators import EmbeddedSimulator
 
 
 @pytest.fixture(scope="session")
-def made_campaign(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Its folder; nothing in it may be changed."""
+def sample_campaign(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Folder of a campaign; tests must not change it."""
     folder = tmp_path_factory.mktemp("exported") / "c"
     Campaign(
         strategy=Frenetic2021(seed=3),
@@ -35,11 +35,11 @@ def made_campaign(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture
-def damaged(made_campaign: Path, tmp_path: Path) -> Callable[[str], Path]:
-    """Makes a copy in which a statement changed one row."""
+def damaged(sample_campaign: Path, tmp_path: Path) -> Callable[[str], Path]:
+    """Function that copies the campaign and changes a row of the copy by a statement."""
 
     def damage(statement: str) -> Path:
-        folder = Path(shutil.copytree(made_campaign, tmp_path / "damaged"))
+        folder = Path(shutil.copytree(sample_campaign, tmp_path / "damaged"))
         with closing(sqlite3.connect(folder / DATABASE)) as connection:
             assert connection.execute(statement).rowcount == 1
             connection.commit()
@@ -48,18 +48,18 @@ def damaged(made_campaign: Path, tmp_path: Path) -> Callable[[str], Path]:
     return damage
 
 
-class ToldAnew(Protocol):
-    """Makes a sound campaign of the tests, each of them changed, with a changed configuration."""
+class RewriteCampaign(Protocol):
+    """Writes a copy of the campaign with changed tests and a changed configuration."""
 
     def __call__(self, change: Callable[[Test], Test], **config: JSONValue) -> Path: ...
 
 
 @pytest.fixture
-def told_anew(made_campaign: Path, tmp_path: Path) -> ToldAnew:
-    def tell(change: Callable[[Test], Test], **config: JSONValue) -> Path:
-        folder = tmp_path / "told anew"
+def rewrite_campaign(sample_campaign: Path, tmp_path: Path) -> RewriteCampaign:
+    def rewrite(change: Callable[[Test], Test], **config: JSONValue) -> Path:
+        folder = tmp_path / "rewritten"
         with (
-            CampaignStore.open(made_campaign) as old,
+            CampaignStore.open(sample_campaign) as old,
             CampaignStore.create(folder, {**old.config, **config}) as new,
         ):
             tests = {test.id: change(test) for test in old.tests(with_trajectory=True)}
@@ -70,4 +70,4 @@ def told_anew(made_campaign: Path, tmp_path: Path) -> ToldAnew:
                 new.add_result(test)
         return folder
 
-    return tell
+    return rewrite
