@@ -1,4 +1,4 @@
-"""How tests run: on every core, and independently of the process that starts them."""
+"""Run tests on every core, and independently of the process that starts them."""
 
 from __future__ import annotations
 

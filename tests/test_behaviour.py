@@ -142,44 +142,44 @@ def of_map() -> list[float]:
 
 def probes() -> dict[str, tuple[str, Callable[[], list[float]]]]:
     """Return name of a built-in part -> its version, and a function that measures its behaviour."""
-    known: dict[str, tuple[str, Callable[[], list[float]]]] = {
+    parts: dict[str, tuple[str, Callable[[], list[float]]]] = {
         "rules": (f"version {verdict.BEHAVIOUR}", of_rules),
         "map": (f"version {road.BEHAVIOUR}", of_map),
     }
     for name in sorted(set(STRATEGIES.built_in) - NOT_REPRODUCIBLE):
         strategy = STRATEGIES.make(name, seed=7)
-        known[f"strategy {name}"] = version(strategy), lambda s=strategy: of_strategy(s)  # type: ignore[misc]
+        parts[f"strategy {name}"] = version_text(strategy), lambda s=strategy: of_strategy(s)  # type: ignore[misc]
     learning = STRATEGIES.make("frenetic", seed=7)
-    versions = ", ".join(map(version, (learning, EmbeddedSimulator(), Planner())))
-    known["search for the planner's failures"] = versions, lambda: of_search(learning)
+    versions = ", ".join(map(version_text, (learning, EmbeddedSimulator(), Planner())))
+    parts["search for the planner's failures"] = versions, lambda: of_search(learning)
     for name in DRIVERS.built_in:
         driver = DRIVERS.make(name)
         where = "metadrive" if name.startswith("metadrive") else "embedded"
         if name == "marking-follower":  # its pictures take long to draw
-            known[f"driver {name}"] = (
-                version(driver),
+            parts[f"driver {name}"] = (
+                version_text(driver),
                 lambda d=driver: of_drives(EmbeddedSimulator(), d, roads()[:1]),  # type: ignore[misc]
             )
             continue
-        known[f"driver {name}"] = version(driver), drives(where, driver)
+        parts[f"driver {name}"] = version_text(driver), drives(where, driver)
     for wrapper in [row for row in known_conditions().values() if row.wrapper]:
         amount = 15.0 if wrapper.nothing == math.inf else 0.2
         if wrapper.name in appearance.ALL:
             seeing = wrapper.wrapper_class().over(
                 MarkingFollower(), 5.0 if wrapper.name in ("scene", "rain") else amount
             )
-            known[f"wrapper {wrapper.name}"] = version(seeing), lambda d=seeing: of_picture(d)  # type: ignore[misc]
+            parts[f"wrapper {wrapper.name}"] = version_text(seeing), lambda d=seeing: of_picture(d)  # type: ignore[misc]
             continue
         driver = wrapper.wrapper_class().over(Planner(), amount)
-        known[f"wrapper {wrapper.name}"] = version(driver), drives("embedded", driver)
+        parts[f"wrapper {wrapper.name}"] = version_text(driver), drives("embedded", driver)
     for name in SIMULATORS.built_in:
         if f"simulator {name}" not in NOT_RECORDED:
             simulator = SIMULATORS.make(name)
-            known[f"simulator {name}"] = version(simulator), drives(name, Planner())
-    return known
+            parts[f"simulator {name}"] = version_text(simulator), drives(name, Planner())
+    return parts
 
 
-def version(part: object) -> str:
+def version_text(part: object) -> str:
     return version_of(part).text
 
 
@@ -200,12 +200,12 @@ PROBES: Final = probes()
 @pytest.mark.parametrize("name", PROBES)
 def test_a_part_behaves_as_recorded_for_its_version(name: str) -> None:
     recorded = json.loads(RECORDED.read_text(encoding="utf-8")).get(name, {})
-    known, probe = PROBES[name]
-    if known not in recorded and "," in known:
+    version, probe = PROBES[name]
+    if version not in recorded and "," in version:
         return  # recorded with other versions of its packages
-    assert known in recorded, f"record {known} of {name}: python {__file__}"
-    assert probe() == pytest.approx(recorded[known], abs=2e-3), (
-        f"{name} no longer behaves as {known} did: raise its BEHAVIOUR"
+    assert version in recorded, f"record {version} of {name}: python {__file__}"
+    assert probe() == pytest.approx(recorded[version], abs=2e-3), (
+        f"{name} no longer behaves as {version} did: raise its BEHAVIOUR"
     )
 
 
@@ -226,9 +226,9 @@ def targets() -> Iterator[str]:
 def record() -> None:
     """Record the versions that are not recorded yet."""
     recorded = json.loads(RECORDED.read_text(encoding="utf-8")) if RECORDED.exists() else {}
-    for name, (known, probe) in PROBES.items():
-        if known not in recorded.setdefault(name, {}):
-            recorded[name][known] = [round(number, 6) for number in probe()]
+    for name, (version, probe) in PROBES.items():
+        if version not in recorded.setdefault(name, {}):
+            recorded[name][version] = [round(number, 6) for number in probe()]
     lines = (f"{json.dumps(name)}: {json.dumps(versions)}" for name, versions in recorded.items())
     RECORDED.write_text("{\n" + ",\n".join(lines) + "\n}\n", encoding="utf-8")
 

@@ -71,7 +71,7 @@ def test_a_long_text_is_cut() -> None:
     assert "in shout\n" in trace
 
 
-def test_a_file_is_named_from_where_it_is_imported(
+def test_a_files_name_begins_at_its_import_path(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     (tmp_path / "gearing").mkdir()

@@ -71,9 +71,9 @@ def test_the_planted_cause_is_named(driver: type[planted.Sound], tmp_path: Path)
     assert bool(summary.not_repeatable) is (driver is planted.Unrepeatable)
     if not CAUSES[driver]:
         return
-    most = max(clusters.causes, key=lambda cause: cause.failures)
-    assert most.words.startswith(str(CAUSES[driver]).partition("{")[0])
-    assert most.failures >= SHARE * summary.failed
+    main_cause = max(clusters.causes, key=lambda cause: cause.failures)
+    assert main_cause.words.startswith(str(CAUSES[driver]).partition("{")[0])
+    assert main_cause.failures >= SHARE * summary.failed
     ((_, minimised),) = minimise_causes(tmp_path, clusters.causes, campaign.tester, 50, 60.0)
     assert isinstance(minimised, Minimised)
     tests = (minimised.original, minimised.smallest)

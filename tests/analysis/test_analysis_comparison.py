@@ -166,7 +166,7 @@ def test_repeats_needed_is_the_least_number_that_can_show_a_difference(
 # Groups of campaigns
 
 
-def test_campaigns_that_differ_only_in_the_seed_are_grouped_under_their_strategy(
+def test_campaigns_that_differ_only_in_the_seed_are_a_group(
     repeats: Path,
 ) -> None:
     groups = group_campaigns(find_campaigns(repeats))

@@ -24,7 +24,8 @@ def cause(drive: Drive) -> Cause:
     return cause_of(segment_of(BEND, drive, result.finding))
 
 
-def driven(**columns: FloatArray) -> Drive:
+def drive_with(**columns: FloatArray) -> Drive:
+    """Return a drive that takes the bend too fast, with some columns replaced."""
     drive = EmbeddedSimulator().drive(BEND, Planner(lateral_acceleration=30.0))
     path = drive.trajectory
     rows = {name: columns.get(name, getattr(path, name)) for name in Trajectory.names()}
@@ -32,11 +33,11 @@ def driven(**columns: FloatArray) -> Drive:
 
 
 def test_a_cause_names_the_side_of_its_bends() -> None:
-    assert cause(driven()) == Cause(Kind.TOO_FAST, "left")
-    assert as_text(*cause(driven())) == "takes left-hand bends too fast"
+    assert cause(drive_with()) == Cause(Kind.TOO_FAST, "left")
+    assert as_text(*cause(drive_with())) == "takes left-hand bends too fast"
     assert as_text(Kind.TOO_FAST) == "takes bends too fast"
     assert as_text(Kind.OSCILLATES) == "oscillates from side to side"
-    assert kind_number(BEND, driven()) == 1.0 + list(Kind).index(Kind.TOO_FAST)
+    assert kind_number(BEND, drive_with()) == 1.0 + list(Kind).index(Kind.TOO_FAST)
     passed = EmbeddedSimulator().drive(BEND, Planner(lateral_acceleration=3.0))
     assert kind_number(BEND, passed) == 0.0
 
@@ -55,6 +56,6 @@ def test_a_driver_that_never_steers_steers_too_little() -> None:
 
 @pytest.mark.parametrize("value", [np.nan, np.inf, 0.0])
 def test_a_failure_with_unknown_columns_has_a_cause(value: float) -> None:
-    n = len(driven().trajectory)
+    n = len(drive_with().trajectory)
     names = set(Trajectory.names()) - {"time", "x", "y", "heading"}
-    assert cause(driven(**{name: np.full(n, value) for name in names})).kind in Kind
+    assert cause(drive_with(**{name: np.full(n, value) for name in names})).kind in Kind

@@ -70,7 +70,7 @@ def bend_test(
     return Test(candidate=candidate, result=Result(outcome, ""), result_number=1, budget_spent=0.0)
 
 
-def covered(domain: Domain, tests: Iterable[Test]) -> DomainCoverage:
+def coverage_of(domain: Domain, tests: Iterable[Test]) -> DomainCoverage:
     coverage = domain_coverage(setting_of(domain), tests)
     assert coverage is not None
     return coverage
@@ -82,7 +82,7 @@ def counts(cells: Cells) -> list[str]:
 
 
 def test_cells_counted_by_hand() -> None:
-    coverage = covered(
+    coverage = coverage_of(
         GUSTY,
         [
             bend_test(Outcome.PASS, 14.3, gust=-10.0),
@@ -152,14 +152,14 @@ def test_a_repeated_road_counts_once_in_the_same_conditions() -> None:
         bend_test(Outcome.FAIL, 17.9, gust=4.0, delay=0.05),
         bend_test(Outcome.FAIL, 9.0),
     ]
-    coverage = covered(GUSTY, [*tests, *tests[1:], tests[1]])
+    coverage = coverage_of(GUSTY, [*tests, *tests[1:], tests[1]])
     assert (coverage.drives, coverage.failures, coverage.outside) == (3, 2, 1)
-    assert coverage.as_json() == covered(GUSTY, tests).as_json()
+    assert coverage.as_json() == coverage_of(GUSTY, tests).as_json()
 
 
 def test_road_axes_end_at_the_bounds_of_the_class() -> None:
     domain = Domain.from_entries("town", {"roads": "urban-50,length=400"})
-    coverage = covered(domain, [bend_test(Outcome.FAIL, 86.0, grade=-0.08)])
+    coverage = coverage_of(domain, [bend_test(Outcome.FAIL, 86.0, grade=-0.08)])
     radius, grade = coverage.singles
     assert [cells.axes[0].name for cells in (radius, grade)] == [RADIUS, GRADE]
     assert radius.axes[0].edges == (86.0, 110.0, 140.0, 220.0, 430.0, math.inf)
@@ -180,7 +180,7 @@ def test_shares_of_a_normal_distribution_and_of_a_fixed_amount() -> None:
     domain = Domain.from_entries(
         "x", {"conditions": {"gust": gust, "delay": {"low": 0.2, "high": 0.2, "chance": 0.1}}}
     )
-    coverage = covered(
+    coverage = coverage_of(
         domain, [bend_test(Outcome.PASS, gust=1.0), bend_test(Outcome.PASS, delay=0.2)]
     )
     # A normal distribution within two deviations: 0.4772 on each side, 0.3413 within one.
@@ -233,7 +233,7 @@ def test_sums_of_cells_agree(domain: Domain, number: int, seed: int) -> None:
     ]
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(coverage_module, "ROADS", 20)
-        coverage = covered(domain, tests)
+        coverage = coverage_of(domain, tests)
     assert (coverage.drives, coverage.outside) == (number, 0)
     assert coverage.failures == sum(test.outcome is Outcome.FAIL for test in tests)
     for cells in (*coverage.singles, *coverage.pairs):
@@ -275,7 +275,7 @@ def test_a_drive_in_each_pair_of_cells_covers_the_domain() -> None:
     tests = [
         bend_test(Outcome.PASS, r, gust=g) for r in (15, 20, 30, 50, 99) for g in (-8, -3, 3, 8)
     ]
-    coverage = covered(domain, tests)
+    coverage = coverage_of(domain, tests)
     assert coverage.driven_share == 1.0
     assert coverage.gaps == ()
     assert coverage.pairs[0].never_reached == 0

@@ -40,12 +40,12 @@ class SteersWrong(Planner):
         return replace(controls, steering=-controls.steering)
 
 
-def searched(folder: Path, driver: Planner) -> CampaignStore:
+def open_search(folder: Path, driver: Planner) -> CampaignStore:
     return CampaignStore.open(search(folder, Frenetic(seed=3), 60, driver=driver))
 
 
 def test_a_line_that_raises_is_one_distinct_failure_and_comes_first(tmp_path: Path) -> None:
-    with searched(tmp_path / "c", Brittle()) as store:
+    with open_search(tmp_path / "c", Brittle()) as store:
         clusters, counts = distinct_failures(store), store.counts()
         raising = [test.id for test in store.tests(Outcome.FAIL) if test.result.fault]
         assert caution(store) == ""
@@ -93,14 +93,14 @@ def test_only_the_first_fault_of_a_line_becomes_a_parent(has_moobd: bool) -> Non
 
 
 def test_a_caution_warns_if_nearly_every_random_road_fails(tmp_path: Path) -> None:
-    with searched(tmp_path / "c", SteersWrong()) as store:
+    with open_search(tmp_path / "c", SteersWrong()) as store:
         assert " random roads fail: it may be the car, the speed" in caution(store)
-    with searched(tmp_path / "good", Planner()) as store:
+    with open_search(tmp_path / "good", Planner()) as store:
         assert caution(store) == ""
 
 
 def test_a_caution_says_how_little_passing_roads_prove(tmp_path: Path) -> None:
-    with searched(tmp_path / "c", Planner(aggression=0.5)) as store:
+    with open_search(tmp_path / "c", Planner(aggression=0.5)) as store:
         assert not store.by_outcome()[Outcome.FAIL]
         match = re.fullmatch(
             r"(\d+) random roads passed, so fewer than ([\d.]+) % of such roads fail, with 95 %"

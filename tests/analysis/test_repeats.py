@@ -205,18 +205,18 @@ def test_counts_of_tests_name_the_repeats(
         assert (store.repeats(), store.counts().repeats) == (frozenset(), 0)
         assert "repeat" not in store.counts().as_text()
         failed = {test.id for test in store.tests(Outcome.FAIL)}
-    again = [*range(1, len(roads) + 1, 2), *range(1, len(roads) + 1, 10)]
-    failing = sum(number in failed for number in again)
+    repeated_ids = [*range(1, len(roads) + 1, 2), *range(1, len(roads) + 1, 10)]
+    failing = sum(number in failed for number in repeated_ids)
     with CampaignStore.open(repeated) as store:
         counts, first = store.counts(), len(roads) + 1
-        assert store.repeats() == set(range(first, first + len(again)))
+        assert store.repeats() == set(range(first, first + len(repeated_ids)))
         assert [test.id for test in store.tests(with_repeats=False)] == [*range(1, first)]
         assert [t.id for t in store.tests(limit=3, with_repeats=False)] == [1, 2, 3]
         added = Counts()
         for test in store.tests():
             added.add(test.candidate, test.outcome, test.moobd)
     assert added == counts
-    assert (counts.repeats, counts.failing_repeats) == (len(again), failing)
+    assert (counts.repeats, counts.failing_repeats) == (len(repeated_ids), failing)
     assert counts.failures == len(failed)
     assert f"{counts.failed} failed ({failing} repeats)" in counts.as_text()
 

@@ -114,21 +114,21 @@ def test_every_format_gives_the_frame_back(
         texts = parquet[name].astype(object)
         parquet[name] = texts.where(texts.notna(), None).map(json.loads, na_action="ignore")
     pd.testing.assert_frame_equal(parquet, frame, check_categorical=False)
-    wanted = cells_of(frame)
+    expected = cells_of(frame)
     with (files["csv"] / f"{table}.csv").open(encoding="utf-8", newline="") as file:
         rows = list(csv.DictReader(file))
     assert [
         {name: from_text(text, value[name]) for name, text in row.items()}
-        for row, value in zip(rows, wanted, strict=True)
+        for row, value in zip(rows, expected, strict=True)
     ] == [
         {name: printable(v) if isinstance(v, str) else v for name, v in row.items()}
-        for row in wanted
+        for row in expected
     ]
     lines = (files["json"] / f"{table}.jsonl").read_bytes().splitlines()
     documents = [json.loads(line) for line in lines]
     for document in documents if table == "tests" else ():
         document["finished_at"] = datetime.fromisoformat(document["finished_at"])
-    assert documents == wanted
+    assert documents == expected
 
 
 READERS: dict[Any, Any] = {
@@ -150,13 +150,13 @@ def test_outcomes_and_trajectories_can_be_chosen(
         campaign, name, tmp_path / "out", outcomes=outcomes, trajectories=which
     )
     files = sorted(folder.iterdir())
-    wanted = data_frame(campaign, outcomes=outcomes)
-    assert list(READERS[name](files[0])["id"]) == list(wanted["id"])
+    expected = data_frame(campaign, outcomes=outcomes)
+    assert list(READERS[name](files[0])["id"]) == list(expected["id"])
     assert [file.stem for file in files] == ["tests", "trajectories"][: 1 + (which != "none")]
     if which != "none":
-        driven = wanted["outcome"].isin(["FAIL"] if which == "failures" else ["PASS", "FAIL"])
+        driven = expected["outcome"].isin(["FAIL"] if which == "failures" else ["PASS", "FAIL"])
         rows = READERS[name](files[1])
-        assert list(rows.get("id", pd.Series()).unique()) == list(wanted["id"][driven])
+        assert list(rows.get("id", pd.Series()).unique()) == list(expected["id"][driven])
 
 
 def test_a_candidate_without_curvatures_is_exported(

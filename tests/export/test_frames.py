@@ -137,11 +137,11 @@ def test_a_frame_has_values_that_only_some_tests_have(
 
     folder = rewrite_campaign(change)
     frame = data_frame(folder)
-    rows, wanted = rows_of(frame), expected_rows(folder)
+    rows, expected_values = rows_of(frame), expected_rows(folder)
     conditions = {"condition_fog": 60.5, "condition_noise_seed": 2**31 - 1}
     row = rows[4]
-    assert row == wanted[4] | conditions
-    assert rows[3] == wanted[3] | dict.fromkeys(conditions)
+    assert row == expected_values[4] | conditions
+    assert rows[3] == expected_values[3] | dict.fromkeys(conditions)
     assert list(frame.columns)[-2:] == list(conditions)
     assert [str(kind) for kind in frame.dtypes.iloc[-2:]] == ["Float64", "Int64"]
     assert row["source"] == {"campaign": "nightly", "test": 31}

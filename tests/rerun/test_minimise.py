@@ -85,7 +85,7 @@ def failure_reason(road: Road, drive: Drive) -> FailureReason | None:
     return FailureReason.of(result.departure, result.duration, drive.rules.timeout(road.length))
 
 
-def alone(road: Road) -> FailureReason | None:
+def reason_alone(road: Road) -> FailureReason | None:
     """Return the reason in a new simulator, without earlier drives."""
     return failure_reason(road, EmbeddedSimulator().drive(road, Planner()))
 
@@ -132,7 +132,7 @@ def test_roads_become_half_as_long_with_the_same_failure(failures: list[Road]) -
         minimised = minimised_by(simulator, road)
         assert len(simulator.driven) == len(set(simulator.driven)) == minimised.drives <= 500
         original, smallest = minimised.original, minimised.smallest
-        assert minimised.reason is alone(road) is alone(smallest.road)
+        assert minimised.reason is reason_alone(road) is reason_alone(smallest.road)
         assert smallest.road.check_validity().valid
         drive = EmbeddedSimulator().drive(smallest.road, Planner())
         assert judge(smallest.road, drive) == smallest.result
@@ -149,7 +149,7 @@ def test_roads_become_half_as_long_with_the_same_failure(failures: list[Road]) -
             placed, verdict = Road(factor * minimised.road.curvatures).placed()
             if verdict.valid:
                 assert placed is not None
-                assert alone(placed) is minimised.reason
+                assert reason_alone(placed) is minimised.reason
     assert median(shares) <= 0.55
 
 

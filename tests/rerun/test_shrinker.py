@@ -265,7 +265,7 @@ def test_neighbours_must_have_the_property_too() -> None:
     assert sharpest.shape.length == 10.0
 
 
-def test_neighbours_count_only_from_the_first_shape_whose_neighbours_have_the_property() -> None:
+def test_neighbours_count_once_they_have_had_the_property() -> None:
     start = Shape((0.0, 0.05, 0.0, 0.02), 10.0)
     ask = when(lambda shape: 0.05 in shape.values or len(shape) == 2)
     for neighbours, is_guarded in (

@@ -35,7 +35,9 @@ ENTRIES: dict[str, Any] = {
 }
 
 
-def searched(folder: Path, entries: dict[str, Any], *, seed: int = 1, name: str = "town") -> Path:
+def run_campaign(
+    folder: Path, entries: dict[str, Any], *, seed: int = 1, name: str = "town"
+) -> Path:
     domain = Domain.from_entries(name, entries)
     assert domain.road_class is not None
     Campaign(
@@ -50,7 +52,7 @@ def searched(folder: Path, entries: dict[str, Any], *, seed: int = 1, name: str 
 
 @pytest.fixture(scope="module")
 def town(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return searched(tmp_path_factory.mktemp("town") / "c", ENTRIES)
+    return run_campaign(tmp_path_factory.mktemp("town") / "c", ENTRIES)
 
 
 @pytest.fixture
@@ -58,7 +60,7 @@ def campaign(town: Path, tmp_path: Path) -> Path:
     return Path(shutil.copytree(town, tmp_path / "c"))
 
 
-def driven(folder: Path, outcome: Outcome | None = None) -> list[Test]:
+def driven_tests(folder: Path, outcome: Outcome | None = None) -> list[Test]:
     with CampaignStore.open(folder) as store:
         return [test for test in store.tests(outcome) if test.outcome.is_driven]
 
@@ -69,7 +71,7 @@ def rerun_tests(folder: Path, simulator: EmbeddedSimulator | None = None, **othe
 
 @pytest.mark.parametrize("workers", [1, 2])
 def test_a_test_is_driven_again_in_its_recorded_conditions(campaign: Path, workers: int) -> None:
-    tests = driven(campaign)
+    tests = driven_tests(campaign)
     result = rerun_tests(campaign, tests=[test.id for test in tests], workers=workers)
     assert {test.outcome for test in tests} == {Outcome.PASS, Outcome.FAIL}
     assert any(SEED in test.candidate.conditions for test in tests)
@@ -85,7 +87,7 @@ def test_a_test_is_driven_again_in_its_recorded_conditions(campaign: Path, worke
 def test_a_usual_range_lies_around_each_tests_amount(
     campaign: Path,
 ) -> None:
-    tests = driven(campaign, Outcome.FAIL)[:3]
+    tests = driven_tests(campaign, Outcome.FAIL)[:3]
     ids = [test.id for test in tests]
     fixed = rerun_tests(campaign, tests=ids, times=4, vary=[Variation("friction", 0.5, 0.7)])
     amounts = [[drive.conditions["friction"] for drive in test.drives] for test in fixed.tests]
@@ -106,7 +108,7 @@ def test_a_usual_range_lies_around_each_tests_amount(
 
 
 def test_amounts_of_the_parts_override_recorded_amounts(campaign: Path) -> None:
-    test = next(test for test in driven(campaign) if "gust" in test.candidate.conditions)
+    test = next(test for test in driven_tests(campaign) if "gust" in test.candidate.conditions)
     recorded = dict(test.candidate.conditions)
     result = rerun_tests(
         campaign,
@@ -163,11 +165,11 @@ def test_versions_are_compared_in_the_domain(campaign: Path) -> None:
 
 
 def test_campaigns_of_different_domains_are_no_repeats(town: Path, tmp_path: Path) -> None:
-    second = searched(tmp_path / "second", ENTRIES, seed=2)
+    second = run_campaign(tmp_path / "second", ENTRIES, seed=2)
     icy = ENTRIES["conditions"] | {"friction": {"low": 0.15, "high": 0.4}}
-    ice = searched(tmp_path / "ice", ENTRIES | {"conditions": icy})
-    named = searched(tmp_path / "named", ENTRIES, name="village")
-    longer = searched(tmp_path / "longer", ENTRIES | {"roads": "urban-50,length=260"})
+    ice = run_campaign(tmp_path / "ice", ENTRIES | {"conditions": icy})
+    named = run_campaign(tmp_path / "named", ENTRIES, name="village")
+    longer = run_campaign(tmp_path / "longer", ENTRIES | {"roads": "urban-50,length=260"})
     assert [len(folders) for folders in group_campaigns([town, second]).values()] == [2]
     groups = group_campaigns([town, second, ice])
     assert groups == {

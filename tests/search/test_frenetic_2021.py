@@ -28,16 +28,17 @@ PAPER = MutationOptions(0.07, 0.05, 1, 5, 1.1, 1.2)
 # The operators of Listing 1, implemented value by value.
 
 
-def continued(
+def append_values(
     rng: np.random.Generator, values: list[float], n: int, options: MutationOptions
 ) -> FloatArray:
     """Append n values, uniform within the bound and the largest change from the value before."""
     for u in rng.random(n).tolist():
-        values = [*values, following(values[-1] if values else 0.0, u, options)]
+        values = [*values, next_value(values[-1] if values else 0.0, u, options)]
     return np.array(values)
 
 
-def following(previous: float, u: float, options: MutationOptions) -> float:
+def next_value(previous: float, u: float, options: MutationOptions) -> float:
+    """Return a value within the bound and the largest change, at u of 0..1 of the range."""
     low = max(previous - options.max_change, -options.bound)
     high = min(previous + options.max_change, options.bound)
     if low > high:  # P6 scaled the value beyond the bound: take the bound's nearest end
@@ -53,11 +54,11 @@ def mutant(
         return road * rng.uniform(options.min_scale, options.max_scale)
     n, count = len(road), int(rng.integers(options.min_changed, options.max_changed + 1))
     if name == "P1":
-        return continued(rng, road.tolist(), count, options)
+        return append_values(rng, road.tolist(), count, options)
     if name == "P5":
         values = road.tolist()
         for i in sorted(rng.choice(n, size=min(count, n), replace=False).tolist()):
-            values[i] = following(values[i - 1] if i else 0.0, rng.random(), options)
+            values[i] = next_value(values[i - 1] if i else 0.0, rng.random(), options)
         return np.array(values)
     count = min(count, n - 2)
     if count == 0:
@@ -67,7 +68,7 @@ def mutant(
     return road[count:] if name == "P3" else road[: n - count]
 
 
-def varied(road: FloatArray) -> dict[str, FloatArray]:
+def mutants_of_failure(road: FloatArray) -> dict[str, FloatArray]:
     """Return F1 .. F4 of a road that failed."""
     half = len(road) // 2
     return {
@@ -132,19 +133,25 @@ class Twin:
     def random_road(self) -> Row:
         def draw() -> FloatArray:
             n = self.usual_length + int(self.rng.integers(-5, 6))
-            return continued(self.rng, [], max(n, 2), self.mutation)
+            return append_values(self.rng, [], max(n, 2), self.mutation)
 
-        return self.add("random", self.drawn(draw))
+        return self.add("random", self.draw_accepted(draw))
 
     def mutants(self, parent: Row) -> Iterator[Row]:
         road = parent.curvatures
         siblings: list[Row] = []
-        names = varied(road) if parent.outcome is FAIL else [f"P{number}" for number in range(1, 7)]
+        names = (
+            mutants_of_failure(road)
+            if parent.outcome is FAIL
+            else [f"P{number}" for number in range(1, 7)]
+        )
         for name in names:
             if parent.outcome is FAIL:
-                mutant_values = varied(road)[name]
+                mutant_values = mutants_of_failure(road)[name]
             else:
-                mutant_values = self.drawn(partial(mutant, self.rng, name, road, self.mutation))
+                mutant_values = self.draw_accepted(
+                    partial(mutant, self.rng, name, road, self.mutation)
+                )
             if mutant_values is not None:
                 row = self.add(name, mutant_values, parent)
                 row.visited = parent.outcome is FAIL
@@ -194,7 +201,7 @@ class Twin:
         self.table.append(Row(len(self.table) + 1, curvatures, operator, ids, generation))
         return self.table[-1]
 
-    def drawn(self, draw: Callable[[], Any]) -> Any:
+    def draw_accepted(self, draw: Callable[[], Any]) -> Any:
         for _ in range(self.max_redraws):
             road = draw()
             if road is None or self.accepts(road):

@@ -43,7 +43,7 @@ def stand_in() -> Iterator[StandIn]:
         yield server
 
 
-def connected(server: StandIn, **options: object) -> BeamngSimulator:
+def simulator_at(server: StandIn, **options: object) -> BeamngSimulator:
     return BeamngSimulator(port=server.port, **options)  # type: ignore[arg-type]
 
 
@@ -53,7 +53,7 @@ class TestContract(SimulatorContract):
         self.server = stand_in
 
     def make(self, rules: Rules) -> BeamngSimulator:
-        return connected(self.server, rules=rules)
+        return simulator_at(self.server, rules=rules)
 
 
 # Messages to BeamNG.tech
@@ -68,7 +68,7 @@ def test_a_scenario_has_a_road_and_markings_that_cannot_be_driven(stand_in: Stan
             assert stand_in.world.loaded is not None
             scenarios.append(stand_in.world.loaded)
 
-    with connected(stand_in) as simulator:
+    with simulator_at(stand_in) as simulator:
         simulator.drive(ROAD, Looking())
     (scenario,) = scenarios
     assert scenario.level == "tech_ground"
@@ -87,7 +87,7 @@ def test_a_scenario_has_a_road_and_markings_that_cannot_be_driven(stand_in: Stan
 
 def test_the_car_is_measured_and_judged_by_its_true_box(stand_in: StandIn) -> None:
     body = stand_in.world.vehicle.body()
-    with connected(stand_in) as simulator:
+    with simulator_at(stand_in) as simulator:
         assert simulator.car == CarBody(body.length, body.width, 0.0)
         # The car counts steering to the right, and its position is not the middle of its box.
         assert simulator.measured.steering < -0.9
@@ -106,7 +106,7 @@ def test_the_car_is_measured_and_judged_by_its_true_box(stand_in: StandIn) -> No
 
 def test_beamng_ai_gets_lane_limit_and_aggression_before_its_goal(stand_in: StandIn) -> None:
     rules = Rules(speed_limit=54.0)
-    with connected(stand_in, rules=rules, aggression=0.4) as simulator:
+    with simulator_at(stand_in, rules=rules, aggression=0.4) as simulator:
         drive = simulator.drive(ROAD, BeamngAi())
     settings = [(kind, m) for kind, m in stand_in.received if kind.startswith("Set")]
     settings = [(kind, m) for kind, m in settings if "Ai" in kind or kind == "SetDriveInLane"]
@@ -129,7 +129,7 @@ def test_beamng_ai_brakes_before_a_lower_limit_and_accelerates_behind_a_higher_o
     stand_in: StandIn,
 ) -> None:
     road = Road(np.zeros(13), pose=ROAD.pose, speed_limits=[(0, 36), (60, 18), (90, 36)])
-    with connected(stand_in) as simulator:
+    with simulator_at(stand_in) as simulator:
         drive = simulator.drive(road, BeamngAi())
     speeds = [message["speed"] for kind, message in stand_in.received if kind == "SetAiSpeed"]
     assert speeds[0] == 10.0
@@ -142,7 +142,7 @@ def test_beamng_ai_brakes_before_a_lower_limit_and_accelerates_behind_a_higher_o
 
 
 def test_the_parking_brake_replaces_the_brake_at_rest(stand_in: StandIn) -> None:
-    with connected(stand_in) as simulator:
+    with simulator_at(stand_in) as simulator:
         drive = simulator.drive(ROAD, DummyDriver(brake=1.0))
     assert not stand_in.world.was_reversing
     assert "moved less than" in judge(ROAD, drive).reason
@@ -159,7 +159,7 @@ def test_a_driver_sees_through_a_camera_on_the_car(stand_in: StandIn) -> None:
             images.append(observation.image)
             return super().act(observation)
 
-    with connected(stand_in) as simulator:
+    with simulator_at(stand_in) as simulator:
         simulator.drive(ROAD, Seeing())
     assert images[0].shape == (4, 6, 3)
     assert images[0][0, 0].tolist() == [0, 1, 2], "red, green and blue, without transparency"
@@ -177,9 +177,9 @@ def test_a_driver_sees_through_a_camera_on_the_car(stand_in: StandIn) -> None:
 
 @pytest.mark.parametrize("sign", [-1.0, 0.0])
 def test_the_sign_of_the_steering_is_measured(stand_in: StandIn, sign: float) -> None:
-    with connected(stand_in) as simulator:
+    with simulator_at(stand_in) as simulator:
         expected = simulator.drive(ROAD, Stanley()).trajectory
-    with StandIn(world=World(sign_shown=sign)) as other, connected(other) as simulator:
+    with StandIn(world=World(sign_shown=sign)) as other, simulator_at(other) as simulator:
         shown = simulator.drive(ROAD, Stanley()).trajectory
     np.testing.assert_allclose(shown.steering, expected.steering * abs(sign), atol=1e-9)
 
@@ -201,7 +201,7 @@ def test_unsuitable_drivers_are_refused(driver: Driver, text: str) -> None:
 def test_a_camera_without_pictures_is_an_error() -> None:
     with (
         StandIn(world=World(draws=False)) as server,
-        connected(server) as simulator,
+        simulator_at(server) as simulator,
         pytest.raises(BeamngError, match=r"the camera gives no picture: BeamNG\.tech draws"),
     ):
         simulator.drive(ROAD, MarkingFollower())
@@ -228,7 +228,7 @@ def test_a_fault_during_a_drive_is_raised_and_the_simulator_can_be_entered_again
 ) -> None:
     monkeypatch.setattr("frenetic.plugins.beamng.link.REPLY_LIMIT", 0.5)
     with StandIn(fault=fault) as server:
-        simulator = connected(server)
+        simulator = simulator_at(server)
         with simulator, pytest.raises(BeamngError, match=text):
             [simulator.drive(ROAD, Stanley()) for _ in range(5)]
         with simulator:
@@ -263,7 +263,7 @@ def test_an_error_says_why_the_simulator_cannot_be_entered(
     with (
         StandIn(**world) as server,
         pytest.raises(BeamngError, match=text),
-        connected(server, **options),
+        simulator_at(server, **options),
     ):
         pass
 
@@ -272,13 +272,16 @@ def test_an_unknown_beamngpy_is_an_error(
     stand_in: StandIn, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.delattr(beamngpy.connection.Connection, "hello")
-    with pytest.raises(BeamngError, match="as Frenetic knows it, connecting"), connected(stand_in):
+    with (
+        pytest.raises(BeamngError, match="as Frenetic knows it, connecting"),
+        simulator_at(stand_in),
+    ):
         pass
 
 
 def test_a_drive_counts_if_the_connection_is_lost_behind_it(tmp_path: Path) -> None:
     with StandIn(fault=on("StopScenario", 2, DROP)) as server:
-        summary = campaign(connected(server), tmp_path).run()
+        summary = campaign(simulator_at(server), tmp_path).run()
         assert server.types().count("GetSystemInfo") == 3, (
             "one start to measure the car, one until the lost connection, one for the rest"
         )
@@ -290,7 +293,7 @@ def test_a_drive_counts_if_the_connection_is_lost_behind_it(tmp_path: Path) -> N
 def test_a_clock_that_differs_from_the_steps_is_an_error() -> None:
     with (
         StandIn(world=World(clock_error=0.1)) as server,
-        connected(server) as simulator,
+        simulator_at(server) as simulator,
         pytest.raises(BeamngError, match="does not keep 60 steps per second"),
     ):
         simulator.drive(ROAD, Stanley())
@@ -306,7 +309,7 @@ def test_a_slow_driver_or_a_slow_simulator_is_named(
             time.sleep(60.0)
             raise AssertionError
 
-    with connected(stand_in, wall_limit=0.2) as simulator:
+    with simulator_at(stand_in, wall_limit=0.2) as simulator:
         drive = simulator.drive(ROAD, Asleep())
         assert "the driver did not finish its drive within 0.2 s" in str(drive.trouble)
         simulator.wall_limit = 60.0

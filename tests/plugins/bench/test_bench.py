@@ -120,7 +120,7 @@ def test_an_impossible_number_of_workers_is_refused(tmp_path: Path, workers: flo
 
 @pytest.mark.skipif(sys.platform == "win32", reason="Windows moves no folder that is in use")
 @pytest.mark.parametrize("action", ["moved", "deleted"])
-def test_a_bench_says_that_its_folder_was_moved_or_deleted_and_does_not_recreate_it(
+def test_a_bench_whose_folder_is_moved_or_deleted_does_not_recreate_it(
     action: str, tmp_path: Path
 ) -> None:
     random = Entrant(name="random", spec="random", is_strategy=True)

@@ -48,7 +48,7 @@ def install(modules: dict[str, ModuleType] = sys.modules) -> None:
     modules.update({"code_pipeline": package, "code_pipeline.tests_generation": module})
 
 
-def driven(test: RoadTest, outcome: str, *oob_distances: float) -> tuple[str, str, list[Record]]:
+def answer_to(test: RoadTest, outcome: str, *oob_distances: float) -> tuple[str, str, list[Record]]:
     """Return the pipeline's answer to a test with these oob distances, in m.
 
     The car drives 2 m to the right of the road's points, 4 m where it is out of its lane.
@@ -64,7 +64,7 @@ def driven(test: RoadTest, outcome: str, *oob_distances: float) -> tuple[str, st
 
 
 def passed(test: RoadTest) -> Any:
-    return driven(test, "PASS", 2.0, 0.5, 1.0)
+    return answer_to(test, "PASS", 2.0, 0.5, 1.0)
 
 
 class Executor:

@@ -25,7 +25,7 @@ from stand_in import (
     ExecutorOfTwoBudgets,
     Record,
     RoadTest,
-    driven,
+    answer_to,
     install,
     passed,
     run_2021,
@@ -160,7 +160,7 @@ class Score:
 @pytest.mark.heavy
 def test_verdicts_and_traces_reach_the_search(caplog: pytest.LogCaptureFixture) -> None:
     def answer(test: RoadTest) -> Any:
-        return driven(test, "FAIL", 1.5, 0.4, -1.25, 0.3) if test.id % 2 else passed(test)
+        return answer_to(test, "FAIL", 1.5, 0.4, -1.25, 0.3) if test.id % 2 else passed(test)
 
     executor = Executor2022(tests=4, answer=answer)
     run_2022(FreneticGenerator, executor)
@@ -226,7 +226,7 @@ ODD: dict[str, Callable[[RoadTest], Any]] = {
     "records of something else": lambda _: ("PASS", "Successful test", [None, "x", 3]),
     "no distance": lambda _: ("FAIL", "", [Record(0.0, (0.0, 0.0, 0.0), None)]),
     "no finite distance": lambda _: ("FAIL", "", [Score(math.nan), Score(-math.inf)]),
-    "an outcome of its own": lambda test: driven(test, "TIMEOUT", 1.0),
+    "an unknown outcome": lambda test: answer_to(test, "TIMEOUT", 1.0),
     "no outcome": lambda _: (None, None, None),
     "nothing": lambda _: None,
     "half an answer": lambda _: ("PASS", "Successful test"),
@@ -237,7 +237,7 @@ MIXED: dict[str, Callable[[RoadTest], Any]] = {
     "records without a distance": lambda test: (
         "FAIL",
         "",
-        [*driven(test, "FAIL", 2.0, -1.25)[2], Record(1.0, (0.0, 0.0, 0.0), None), object()],
+        [*answer_to(test, "FAIL", 2.0, -1.25)[2], Record(1.0, (0.0, 0.0, 0.0), None), object()],
     ),
 }
 

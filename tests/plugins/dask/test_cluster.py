@@ -146,9 +146,9 @@ def test_a_fault_during_a_drive_costs_an_attempt(
     )
     assert search.run().passed == 8
     retried = {line["test"]: line["reason"] for line in events(tmp_path / "c", "test_retried")}
-    wanted = {1: STALLED, 2: "killed by SIGKILL", 3: "SystemExit: 3"}
-    assert retried.keys() == wanted.keys()
-    assert all(text in retried[number] for number, text in wanted.items())
+    expected = {1: STALLED, 2: "killed by SIGKILL", 3: "SystemExit: 3"}
+    assert retried.keys() == expected.keys()
+    assert all(text in retried[number] for number, text in expected.items())
     lost = {line["test"] for line in events(tmp_path / "c", "worker_lost")}
     assert lost == {2, 3}
     until(lambda: not any(map(is_running, marks.pids())), "its simulators end")

@@ -162,7 +162,7 @@ def test_progress_beyond_the_speed_limit_earns_nothing() -> None:
     assert env.drive().trajectory.speed.max() > 2.0 * 20.0 / 3.6
 
 
-def test_a_stuck_car_terminates_and_a_slow_one_is_truncated() -> None:
+def test_a_stuck_car_terminates_and_a_slow_car_is_truncated() -> None:
     env = LaneKeepingEnv(roads=[ROADS[0]], rules=Rules(stuck_time=0.5))
     *_, terminated, truncated, info = episode(env, lambda _: np.zeros(2))
     assert (terminated, truncated, info["outcome"]) == (True, False, "FAIL")

@@ -105,9 +105,9 @@ def test_the_experts_weights_drive_like_the_expert(tmp_path: Path) -> None:
     policies += [pickle.loads(pickle.dumps(driver)) for driver in policies]
     with MetaDriveSimulator() as metadrive:
         for simulator in (EmbeddedSimulator(), metadrive):
-            wanted = rows(simulator, MetaDriveExpert())
+            expected = rows(simulator, MetaDriveExpert())
             for driver in policies:
-                np.testing.assert_allclose(rows(simulator, driver), wanted, rtol=0, atol=0.01)
+                np.testing.assert_allclose(rows(simulator, driver), expected, rtol=0, atol=0.01)
 
 
 # Refused files

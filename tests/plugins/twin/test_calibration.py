@@ -88,7 +88,7 @@ def recordings(campaigns: list[Path]) -> Recordings:
 
 
 @pytest.mark.heavy
-def test_a_fit_finds_a_known_parameter_and_calls_an_idle_parameter_undetermined(
+def test_a_fit_finds_known_parameters_and_names_undetermined_ones(
     recordings: Recordings, tmp_path: Path
 ) -> None:
     model = TwinModel.of("stanley", ["lateral_acceleration", "vehicle.brake_deceleration=7:9"])
@@ -122,7 +122,7 @@ def test_parameters_with_the_same_effect_are_undetermined(recordings: Recordings
 
 
 @pytest.mark.heavy
-def test_an_interval_that_ends_at_a_bound_gives_a_warning_and_usual_bounds_are_wide(
+def test_an_interval_that_ends_at_a_bound_gives_a_warning(
     tmp_path: Path,
 ) -> None:
     slow = read_recordings([record_campaign(tmp_path / "slow", 101, 12, 2.5)])

@@ -142,10 +142,10 @@ def test_frames_are_the_last_images_and_at_first_the_first_image_repeated(
         camera={"width": 10, "height": 8},
     )
     network = Network(str(file), **options)
-    wanted = [float(frames.ravel() @ w) for frames in fed]
-    assert angles(network, images) == pytest.approx(wanted, abs=1e-5)
+    expected = [float(frames.ravel() @ w) for frames in fed]
+    assert angles(network, images) == pytest.approx(expected, abs=1e-5)
     assert angles(network, images[2:])[0] != pytest.approx(
-        wanted[2], abs=1e-5
+        expected[2], abs=1e-5
     )  # a reset clears the frames
 
 
@@ -202,13 +202,13 @@ def test_states_start_at_zero_and_are_fed_back(
 ) -> None:
     network = Network(str(remembering(tmp_path / "m.onnx", states, shapes)), **options)
     images = pictures(6, (4, 6, 3))
-    h, total, wanted = np.zeros(2), 0.0, []
+    h, total, expected = np.zeros(2), 0.0, []
     for image in images:
         h = np.tanh(0.9 * h + (image.transpose(2, 0, 1) / 255.0).ravel() @ weights(72, 2))
         total += h.sum()
-        wanted.append(total)
+        expected.append(total)
     first = angles(network, images)
-    assert first == pytest.approx(wanted, abs=1e-4)
+    assert first == pytest.approx(expected, abs=1e-4)
     assert angles(network, images) == first
 
 
@@ -270,7 +270,8 @@ def unused_input(shape: Sequence[int | str], **more: Any) -> Callable[[Path], Pa
     )
 
 
-def alone(*shape: int | str) -> Callable[[Path], Path]:
+def image_only(*shape: int | str) -> Callable[[Path], Path]:
+    """Return a function that writes a model with an image of this shape as its only input."""
     return lambda path: write(
         path, [helper.make_node("ReduceMean", ["image"], ["out"])], shape=shape
     )
@@ -305,14 +306,26 @@ REFUSED: list[tuple[Any, dict[str, Any], str]] = [
         {},
         "its input image is a tensor(double): tensor(float) is needed",
     ),
-    (alone(1, 1), {}, "none of its inputs (image) takes the image"),
-    (alone(1, 4, 8, 10), {}, "has the shape (1, 4, 8, 10), nchw: rgb has 3 channels; give"),
-    (alone(1, 6, 8, 10), {"frames": 3}, "(1, 6, 8, 10), which is 2 frames, and frames is 3"),
-    (alone(1, "n", 3, 8, 10), {}, "is any number of frames, and frames is None: give their number"),
-    (alone(1, 300, 999, 999), {}, "is 100 frames, and frames is None: give their number, at most"),
-    (alone(2, 3, 8, 10), {"frames": 4}, "one image is needed, (1, channels, height, width) or"),
-    (alone(1, 3, 8, 10), {"frames": 0}, "frames is 0: a whole number"),
-    (alone(1, 3, 8, 10), {"speed_scale": -1}, "speed_scale is -1: a number > 0 is needed"),
+    (image_only(1, 1), {}, "none of its inputs (image) takes the image"),
+    (image_only(1, 4, 8, 10), {}, "has the shape (1, 4, 8, 10), nchw: rgb has 3 channels; give"),
+    (image_only(1, 6, 8, 10), {"frames": 3}, "(1, 6, 8, 10), which is 2 frames, and frames is 3"),
+    (
+        image_only(1, "n", 3, 8, 10),
+        {},
+        "is any number of frames, and frames is None: give their number",
+    ),
+    (
+        image_only(1, 300, 999, 999),
+        {},
+        "is 100 frames, and frames is None: give their number, at most",
+    ),
+    (
+        image_only(2, 3, 8, 10),
+        {"frames": 4},
+        "one image is needed, (1, channels, height, width) or",
+    ),
+    (image_only(1, 3, 8, 10), {"frames": 0}, "frames is 0: a whole number"),
+    (image_only(1, 3, 8, 10), {"speed_scale": -1}, "speed_scale is -1: a number > 0 is needed"),
 ]
 
 
