@@ -71,15 +71,15 @@ def test_both_versions_drive_fresh_random_roads_and_failing_roads(
     moobds = {pair.old.id: pair.old.moobd for pair in comparison.known.pairs}
     assert moobds == {test.id: test.moobd for test in failures_in(searched_campaign)}
     assert comparison.known.failing[0] == len(comparison.known.pairs)
-    drawn = driven_in(comparison.fresh.folder)
-    assert len(drawn) == len(comparison.fresh.pairs) == FRESH
-    assert (comparison.seed, {test.candidate.origin.operator for test in drawn}) == (0, {"random"})
+    fresh = driven_in(comparison.fresh.folder)
+    assert len(fresh) == len(comparison.fresh.pairs) == FRESH
+    assert (comparison.seed, {test.candidate.origin.operator for test in fresh}) == (0, {"random"})
     chosen = {test.candidate.curvatures.tobytes() for test in driven_in(searched_campaign)}
-    assert not chosen & {test.candidate.curvatures.tobytes() for test in drawn}
-    alone = EmbeddedSimulator()
+    assert not chosen & {test.candidate.curvatures.tobytes() for test in fresh}
+    simulator = EmbeddedSimulator()
     for pair in comparison.known.pairs:
         assert pair.new.drive is not None
-        drive = alone.drive(pair.old.road, CALMER)
+        drive = simulator.drive(pair.old.road, CALMER)
         assert len(drive.trajectory) == len(pair.new.drive.trajectory)
 
 

@@ -155,16 +155,16 @@ def test_p_values_are_corrected_for_the_number_of_conditions() -> None:
     ranges = [Variation("friction", 0.5, 1.0), Variation("delay", 0.0, 0.2)]
     draws = draw_conditions(ranges, 12, 0)
     verdict = {"verdict": lambda w: w["delay"] - 0.1 + 0.2 * w["friction"]}
-    both = {
+    p_of_both = {
         influence.condition: influence.p
         for influence in repeats_in(draws, ranges, **verdict).influences
     }
-    alone = {
+    p_alone = {
         range_.condition: repeats_in(draws, [range_], **verdict).influences[0].p
         for range_ in ranges
     }
-    smaller = min(alone, key=lambda name: alone[name])
-    assert both[smaller] == pytest.approx(min(1.0, 2.0 * alone[smaller]))
+    smaller = min(p_alone, key=lambda name: p_alone[name])
+    assert p_of_both[smaller] == pytest.approx(min(1.0, 2.0 * p_alone[smaller]))
 
 
 @pytest.mark.parametrize(

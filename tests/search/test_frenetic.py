@@ -178,7 +178,7 @@ def test_the_archive_knows_the_nearest_failure_of_each_side() -> None:
 def test_an_operator_makes_another_road_within_the_bound(operator: int) -> None:
     rng = np.random.default_rng(operator)
     limits = np.array([CURVATURE_BOUND, 0.05])
-    drawn = changed = 0
+    children = changed = 0
     for _ in range(100):
         parent, other = random_curvatures(rng, 25), random_curvatures(rng, 22)
         before, child = parent.copy(), np.full(40, np.nan)
@@ -186,11 +186,11 @@ def test_an_operator_makes_another_road_within_the_bound(operator: int) -> None:
         n, moved = vary(operator, u, parent, site, other, 10, 29, limits, child)
         np.testing.assert_array_equal(parent, before)
         if n:
-            drawn += 1
+            children += 1
             assert np.all(np.abs(child[:n]) <= CURVATURE_BOUND)
             changed += not np.array_equal(child[:n], parent)
             assert 0 <= site + moved < n + 1
-    assert changed > 0.8 * drawn > 40
+    assert changed > 0.8 * children > 40
 
 
 def test_a_child_that_would_repeat_a_known_failure_is_refused() -> None:

@@ -88,9 +88,9 @@ class Accelerating:
         self.setup, self.demands = setup, list[float]()
 
     def act(self, observation: Observation) -> Controls:
-        wanted = self.DEMANDS[min(int(observation.time / 2.0), len(self.DEMANDS) - 1)]
-        self.demands.append(wanted)
-        return Controls.from_acceleration(wanted, 0.0, speed=observation.speed, setup=self.setup)
+        demand = self.DEMANDS[min(int(observation.time / 2.0), len(self.DEMANDS) - 1)]
+        self.demands.append(demand)
+        return Controls.from_acceleration(demand, 0.0, speed=observation.speed, setup=self.setup)
 
 
 @pytest.mark.heavy

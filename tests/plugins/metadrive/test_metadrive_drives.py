@@ -64,8 +64,9 @@ class Accelerating:
 
     def act(self, observation: Observation) -> Controls:
         self.demands.append(self.DEMANDS[int(observation.time / 1.5) % len(self.DEMANDS)])
-        speed, wanted = observation.speed, self.demands[-1]
-        return Controls.from_acceleration(wanted, 0.0, speed=speed, setup=self.setup)
+        return Controls.from_acceleration(
+            self.demands[-1], 0.0, speed=observation.speed, setup=self.setup
+        )
 
 
 def test_a_demanded_acceleration_is_reached(simulator: MetaDriveSimulator) -> None:

@@ -106,9 +106,9 @@ class Steady:
         self.setup = setup
 
     def act(self, observation: Observation) -> Controls:
-        wanted = 2.0 * (8.0 - observation.speed)
+        acceleration = 2.0 * (8.0 - observation.speed)
         return Controls.from_acceleration(
-            wanted, self.steering, speed=observation.speed, setup=self.setup
+            acceleration, self.steering, speed=observation.speed, setup=self.setup
         )
 
 

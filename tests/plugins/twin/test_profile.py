@@ -41,8 +41,10 @@ def write_changed(path: Path, driven: dict[str, Any], **entries: Any) -> Path:
     """Write `TWIN` with other entries, also in ``driven``; the value None removes an entry."""
     TWIN.write(path)
     document = json.loads(path.read_text(encoding="utf-8")) | entries
-    known = document["driven"] | driven
-    document["driven"] = {name: value for name, value in known.items() if value is not None}
+    driven_entries = document["driven"] | driven
+    document["driven"] = {
+        name: value for name, value in driven_entries.items() if value is not None
+    }
     path.write_text(json.dumps(document), encoding="utf-8")
     return path
 

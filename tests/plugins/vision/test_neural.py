@@ -82,13 +82,13 @@ WEIGHTS = np.random.default_rng(3).normal(0.0, 0.1, (4, 6, 3))
 
 
 def assert_fed(
-    network: Network, image: npt.NDArray[np.uint8], wanted: npt.ArrayLike, within: float = 1e-4
+    network: Network, image: npt.NDArray[np.uint8], channels: npt.ArrayLike, within: float = 1e-4
 ) -> None:
     """Assert that the network's input is these channels of an image: height, width, n."""
     network.reset(setup())
     angle = network.act(seeing(image)).steering
-    channels = np.asarray(wanted)
-    expected = (WEIGHTS[..., : channels.shape[2]] * channels).sum()
+    weights = WEIGHTS[..., : np.shape(channels)[2]]
+    expected = (weights * np.asarray(channels)).sum()
     assert angle == pytest.approx(expected, abs=within, rel=1e-6)
 
 
@@ -97,14 +97,14 @@ def test_colour_layout_and_scale_follow_the_file(
     shape: tuple[int | str, ...], tmp_path: Path
 ) -> None:
     image = picture()
-    known: dict[str, npt.NDArray[np.float64]] = {
+    inputs: dict[str, npt.NDArray[np.float64]] = {
         "rgb": image / 255.0,
         "bgr": image[..., ::-1] / 255.0,
         "yuv": rgb_to_yuv(image),
     }
     weights = WEIGHTS.transpose(2, 0, 1) if shape[1] == 3 else WEIGHTS
     scale = {"mean": [0.5, 0.4, 0.3], "std": 0.5, "camera": SIZE}
-    for colour, channels in known.items():
+    for colour, channels in inputs.items():
         file = weighing(tmp_path / "m.onnx", weights, shape=shape, colour=colour, **scale)
         within = 5e-3 if colour == "yuv" else 1e-4  # its constants are rounded
         assert_fed(Network(str(file)), image, (channels - (0.5, 0.4, 0.3)) / 0.5, within)
@@ -131,8 +131,8 @@ def test_rows_are_cropped_and_larger_images_resized(tmp_path: Path) -> None:
 def test_dave2_is_a_preset_that_metadata_and_options_override(tmp_path: Path) -> None:
     file = answering(tmp_path / "m.onnx", 0.0, shape=(1, 3, 66, 200), preset="dave2", std=1.0)
     network = Network(str(file), mean=0.1, camera={"pitch": 5.0})
-    known = network.convention
-    assert (known.colour, known.mean, known.std) == ("yuv", 0.1, 1.0)
+    convention = network.convention
+    assert (convention.colour, convention.mean, convention.std) == ("yuv", 0.1, 1.0)
     camera = network.camera
     assert (camera.height, camera.width, camera.pitch, camera.field_of_view) == (66, 200, 5.0, 90.0)
     assert network.options == {"model": str(file), "mean": 0.1, "camera": {"pitch": 5.0}}
@@ -163,8 +163,8 @@ def test_speed_follows_the_rule_of_the_competition(tmp_path: Path) -> None:
     assert controls_of(Network(file, max_speed=36.0), 12.0) == Controls(0.5 * setup().max_steering)
     limit = setup().speed_limit  # of the drive
     for network in (Network(file), Network(file, max_speed=500.0)):
-        wanted = 1.0 - 0.25 - (5.0 / limit) ** 2
-        assert controls_of(network, 5.0).throttle == pytest.approx(wanted)
+        throttle = 1.0 - 0.25 - (5.0 / limit) ** 2
+        assert controls_of(network, 5.0).throttle == pytest.approx(throttle)
 
 
 @pytest.mark.parametrize(("value", "pedals"), [(0.75, (0.75, 0.0)), (-0.25, (0.0, 0.25))])
