@@ -192,7 +192,7 @@ def test_resume_refuses_changed_parts_and_accepts_the_original_ones(
     ("term", "changed"),
     [
         ("map size", {"terms": Terms(map_size=150.0)}),
-        ("map_margin", {"terms": Terms(map_margin=5.0)}),
+        ("map margin", {"terms": Terms(map_margin=5.0)}),
         ("lane width", {"terms": Terms(lane_width=3.5)}),
         ("conditions", {"terms": Terms(conditions={"noise": 0.1})}),
         ("max in flight", {"max_in_flight": 16}),
