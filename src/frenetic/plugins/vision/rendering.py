@@ -1,8 +1,9 @@
 """What a camera on the car sees: the road, the land beside it and the sky, in compiled code.
 
-The world is flat. A frame costs a rotation of the camera's samples (`projection.py`) and a look-up
-of the nearest piece of road for each (`drawn_road.py`). Edges are smooth, because a line's share of
-a pixel's footprint on the ground is calculated, not sampled.
+The world is flat. A frame costs a rotation of the camera's samples (`projection.py`), a look-up
+of the nearest piece of road for each (`drawn_road.py`) and a mixture of colours
+(`ground_colour.py`). Edges are smooth, because a line's share of a pixel's footprint on the ground
+is calculated, not sampled.
 """
 
 from __future__ import annotations
@@ -22,6 +23,15 @@ from frenetic.plugins.vision.drawn_road import (
     lay_drawn_road,
     locate,
 )
+from frenetic.plugins.vision.ground_colour import (
+    GRAIN_TEXEL,
+    Palette,
+    Shares,
+    Texture,
+    ground_colour,
+    palette_of,
+    texture_at,
+)
 from frenetic.plugins.vision.projection import (
     CLEAR,
     DOWN_X,
@@ -34,38 +44,23 @@ from frenetic.plugins.vision.projection import (
     Y,
     projection_of,
 )
-from frenetic.plugins.vision.scenery import (
-    ASPHALT,
-    ASPHALT_GRAIN,
-    ASPHALT_PATCHES,
-    GRAVEL,
-    GRAVEL_GRAIN,
-    HILLS,
-    LAND,
-    LAND_GRAIN,
-    PAINT,
-    PAINT_GRAIN,
-    PATCH,
-    TEXTURE_SIZE,
-    scenery_of,
-)
+from frenetic.plugins.vision.scenery import scenery_of
 from frenetic.road import Road
 
 if TYPE_CHECKING:
     import numpy.typing as npt
 
     from frenetic.drivers.camera import Image
+    from frenetic.plugins.vision.ground_colour import Texels
 
     _Samples: TypeAlias = npt.NDArray[np.float32]
     """Samples of a projection, (lines, width, 8)."""
-    _Texels: TypeAlias = npt.NDArray[np.float32]
-    """Texture, (256, 256)."""
     _Road: TypeAlias = tuple[FloatArray, float, npt.NDArray[np.int64], npt.NDArray[np.int64]]
     """Values of a `DrawnRoad`."""
-    _Scenery: TypeAlias = tuple[FloatArray, FloatArray, _Texels, _Texels, Image]
+    _Scenery: TypeAlias = tuple[FloatArray, FloatArray, Texels, Texels, Image]
     """Values of a `Scenery`."""
 
-# Steps of the drawing are inlined: calls with records of numbers would take half of its time.
+# Steps of the drawing are inlined and take no arrays, see `ground_colour.py`.
 
 # Ours, in the range of European rural roads.
 MARKING_WIDTH: Final = 0.15
@@ -77,8 +72,6 @@ DASH: Final = 4.0
 DASH_PERIOD: Final = 12.0
 """Distance from one dash to the next, in m."""
 
-_GRAIN_TEXEL = 1.0 / 16.0  # [m], a texel of gravel and grain; ours
-_PATCH_TEXEL = 0.5  # [m], a texel of patches; ours
 _STRIDE = 4  # samples from a knot, which is located on the road, to the next; ours
 _LAND_ONLY, _BETWEEN, _EACH = range(3)  # how samples between two knots are located
 
@@ -111,24 +104,6 @@ class _Lanes(NamedTuple):
     """Share of the markings' paint that is gone."""
 
 
-class _Texture(NamedTuple):
-    """Values of the textures at a point, from -1 to 1."""
-
-    fine: float
-    coarse: float
-
-
-class _Shares(NamedTuple):
-    """Shares of a footprint."""
-
-    verge: float
-    """Share on the road with its gravel."""
-    road: float
-    """Share on the asphalt."""
-    paint: float
-    """Share on the markings."""
-
-
 class _Footprint(NamedTuple):
     """What a sample covers on the ground, in the car's frame, in m."""
 
@@ -137,14 +112,6 @@ class _Footprint(NamedTuple):
     right_y: float
     down_x: float
     down_y: float
-
-
-class _Colour(NamedTuple):
-    """Red, green and blue, from 0 to 255."""
-
-    red: float
-    green: float
-    blue: float
 
 
 class _Knot(NamedTuple):
@@ -188,32 +155,12 @@ def _dashes(s: float) -> float:
 
 
 @njit(error_model="numpy")
-def _paint_left(wear: float, texture: _Texture, size: float) -> float:
+def _paint_left(wear: float, texture: Texture, size: float) -> float:
     """Return the share of a marking's paint that is left; it wears off in flakes and patches."""
     left = 1.0 - wear
     here = min(max(0.5 + 2.5 * (left - 0.5 - 0.35 * (texture.fine + texture.coarse)), 0.0), 1.0)
-    sharp = min(8.0 * _GRAIN_TEXEL / size, 1.0)
+    sharp = min(8.0 * GRAIN_TEXEL / size, 1.0)
     return sharp * here + (1.0 - sharp) * left
-
-
-@njit(error_model="numpy", inline="always")
-def _knot_at(
-    samples: _Samples,
-    line: int,
-    u: int,
-    car: _CarPose,
-    rows: FloatArray,
-    cells_per_metre: float,
-    keys: npt.NDArray[np.int64],
-    nearest: npt.NDArray[np.int64],
-) -> _Knot:
-    """Return a sample with its spot on the road."""
-    x, y = float(samples[line, u, X]), float(samples[line, u, Y])
-    if samples[line, u, CLEAR] < 0.0:
-        return _Knot(False, x, y, Spot(0.0, 0.0, 0.0, 0.0, 0.0))
-    world_x = car.x + car.cosine * x - car.sine * y
-    world_y = car.y + car.sine * x + car.cosine * y
-    return _Knot(True, x, y, locate(world_x, world_y, rows, cells_per_metre, keys, nearest))
 
 
 @njit(error_model="numpy", inline="always")
@@ -243,43 +190,17 @@ def _mode_between(start: _Knot, end: _Knot) -> int:
 
 
 @njit(error_model="numpy", inline="always")
-def _texture_at(
-    x: float,
-    y: float,
-    size: float,
-    grain: _Texels,
-    patches: _Texels,
-) -> _Texture:
-    """Return the textures at a point; they fade where a footprint holds many texels."""
-    mask = TEXTURE_SIZE - 1
-    fine = coarse = 0.0
-    if size < 16.0 * _GRAIN_TEXEL:
-        i, j = math.floor(x * (1.0 / _GRAIN_TEXEL)), math.floor(y * (1.0 / _GRAIN_TEXEL))
-        fine = grain[i & mask, j & mask] * min(2.0 * _GRAIN_TEXEL / size, 1.0)
-    if size < 32.0 * _PATCH_TEXEL:
-        tx, ty = x * (1.0 / _PATCH_TEXEL), y * (1.0 / _PATCH_TEXEL)
-        i, j = math.floor(tx), math.floor(ty)
-        tx -= i
-        ty -= j
-        i0, j0, i1, j1 = i & mask, j & mask, (i + 1) & mask, (j + 1) & mask
-        low = patches[i0, j0] + ty * (patches[i0, j1] - patches[i0, j0])
-        high = patches[i1, j0] + ty * (patches[i1, j1] - patches[i1, j0])
-        coarse = (low + tx * (high - low)) * min(8.0 * _PATCH_TEXEL / size, 1.0)
-    return _Texture(fine, coarse)
-
-
-@njit(error_model="numpy", inline="always")
 def _shares_of(
-    footprint: _Footprint, spot: Spot, car: _CarPose, lanes: _Lanes, texture: _Texture
-) -> _Shares:
+    footprint: _Footprint, spot: Spot, car: _CarPose, lanes: _Lanes, texture: Texture
+) -> Shares:
     """Return the shares of a footprint on the verge, the road and its markings."""
     size = footprint.size
     side = abs(spot.left)
     reach = 0.71 * size  # of a footprint to any side, at most
     if spot.stretch == 0.0 or side - reach > lanes.verge:
-        return _Shares(0.0, 0.0, 0.0)
+        return Shares(0.0, 0.0, 0.0)
     if side + reach < lanes.line_inside and side - reach > 0.5 * MARKING_WIDTH:
-        return _Shares(1.0, 1.0, 0.0)
+        return Shares(1.0, 1.0, 0.0)
     ahead = car.cosine * spot.cosine + car.sine * spot.sine
     turn = car.cosine * spot.sine - car.sine * spot.cosine
     ax, ay = footprint.right_x, footprint.right_y
@@ -288,10 +209,10 @@ def _shares_of(
     across = math.sqrt(p * p + q * q) + 1e-6
     verge = _share(-lanes.verge, lanes.verge, side, across)
     if verge <= 0.0:
-        return _Shares(verge, 0.0, 0.0)
+        return Shares(verge, 0.0, 0.0)
     road = _share(-lanes.width, lanes.width, side, across)
     if road <= 0.0:
-        return _Shares(verge, road, 0.0)
+        return Shares(verge, road, 0.0)
     paint = _share(lanes.line_inside, lanes.line_outside, side, across)
     centre = _share(-0.5 * MARKING_WIDTH, 0.5 * MARKING_WIDTH, spot.left, across)
     if centre > 0.0:
@@ -302,41 +223,7 @@ def _shares_of(
         paint += centre * dashes / length
     if lanes.wear > 0.0 and paint > 0.0:
         paint *= _paint_left(lanes.wear, texture, size)
-    return _Shares(verge, road, paint)
-
-
-@njit(error_model="numpy", inline="always")
-def _ground_colour(
-    shares: _Shares, texture: _Texture, colours: FloatArray, contrasts: FloatArray
-) -> _Colour:
-    """Return the ground's colour without haze."""
-    r = g = b = 0.0
-    if shares.verge < 1.0:
-        mix = min(max(0.5 + 0.8 * texture.coarse, 0.0), 1.0)
-        grain = contrasts[LAND_GRAIN] * texture.fine
-        r = colours[LAND, 0] + mix * (colours[PATCH, 0] - colours[LAND, 0]) + grain
-        g = colours[LAND, 1] + mix * (colours[PATCH, 1] - colours[LAND, 1]) + grain
-        b = colours[LAND, 2] + mix * (colours[PATCH, 2] - colours[LAND, 2]) + grain
-    if shares.verge > 0.0:
-        if shares.road < 1.0:
-            grain = contrasts[GRAVEL_GRAIN] * texture.fine
-            r += shares.verge * (colours[GRAVEL, 0] + grain - r)
-            g += shares.verge * (colours[GRAVEL, 1] + grain - g)
-            b += shares.verge * (colours[GRAVEL, 2] + grain - b)
-        if shares.road > 0.0:
-            shade = (
-                contrasts[ASPHALT_GRAIN] * texture.fine
-                + contrasts[ASPHALT_PATCHES] * texture.coarse
-            )
-            r += shares.road * (colours[ASPHALT, 0] + shade - r)
-            g += shares.road * (colours[ASPHALT, 1] + shade - g)
-            b += shares.road * (colours[ASPHALT, 2] + shade - b)
-        if shares.paint > 0.0:
-            grain = contrasts[PAINT_GRAIN] * texture.fine
-            r += shares.paint * (colours[PAINT, 0] + grain - r)
-            g += shares.paint * (colours[PAINT, 1] + grain - g)
-            b += shares.paint * (colours[PAINT, 2] + grain - b)
-    return _Colour(r, g, b)
+    return Shares(verge, road, paint)
 
 
 @njit(error_model="numpy", inline="always")
@@ -364,37 +251,78 @@ def _spot_between(start: Spot, end: Spot, t: float) -> Spot:
 
 
 @njit(error_model="numpy", inline="always")
-def _add_line(
+def _on_map(car: _CarPose, x: float, y: float) -> tuple[float, float]:
+    """Return a point of the car's frame on the map, in m."""
+    return car.x + car.cosine * x - car.sine * y, car.y + car.sine * x + car.cosine * y
+
+
+@njit(error_model="numpy")
+def _locate_line(
     samples: _Samples,
     line: int,
     car: _CarPose,
-    road: _Road,
+    rows: FloatArray,
+    cells_per_metre: float,
+    keys: npt.NDArray[np.int64],
+    nearest: npt.NDArray[np.int64],
+    spots: FloatArray,
+) -> None:
+    """Write where the samples of a line lie on the road into ``spots``, (width, 5).
+
+    Every fourth sample is a knot, which is located; most samples between two knots are not.
+    """
+    nowhere = Spot(0.0, 0.0, 0.0, 0.0, 0.0)
+    last = samples.shape[1] - 1
+    u, end = 0, _Knot(False, samples[line, 0, X], samples[line, 0, Y], nowhere)
+    for k in range(0, last + _STRIDE, _STRIDE):
+        first, start = u, end
+        u = min(k, last)
+        x, y = samples[line, u, X], samples[line, u, Y]
+        is_ground = samples[line, u, CLEAR] >= 0.0
+        spot = nowhere
+        if is_ground:
+            map_x, map_y = _on_map(car, x, y)
+            spot = locate(map_x, map_y, rows, cells_per_metre, keys, nearest)
+        _keep_spot(spots, u, spot)
+        end = _Knot(is_ground, x, y, spot)
+        mode = _mode_between(start, end)
+        for between in range(first + 1, u):
+            spot = nowhere
+            if mode == _BETWEEN:
+                spot = _spot_between(start.spot, end.spot, (1.0 / (u - first)) * (between - first))
+            elif mode == _EACH and samples[line, between, CLEAR] >= 0.0:
+                x, y = samples[line, between, X], samples[line, between, Y]
+                map_x, map_y = _on_map(car, x, y)
+                spot = locate(map_x, map_y, rows, cells_per_metre, keys, nearest)
+            _keep_spot(spots, between, spot)
+
+
+@njit(error_model="numpy", inline="always")
+def _keep_spot(spots: FloatArray, u: int, spot: Spot) -> None:
+    """Write a spot into a row of ``spots``."""
+    spots[u, 0] = spot.left
+    spots[u, 1] = spot.along
+    spots[u, 2] = spot.cosine
+    spots[u, 3] = spot.sine
+    spots[u, 4] = spot.stretch
+
+
+@njit(error_model="numpy")
+def _add_line(
+    samples: _Samples,
+    line: int,
+    spots: FloatArray,
+    car: _CarPose,
     lanes: _Lanes,
-    scenery: _Scenery,
+    palette: Palette,
+    grain: Texels,
+    patches: Texels,
+    sky: Image,
     sums: FloatArray,
 ) -> None:
     """Add the colours of a line of samples to ``sums``, (width, 3)."""
-    # Arrays are taken out of their tuples once: each time costs an atomic count of references.
-    rows, cells_per_metre, keys, nearest = road
-    colours, contrasts, grain, patches, sky = scenery
-    last = samples.shape[1] - 1
-    first, high, mode, part = 0, 0, _LAND_ONLY, 0.0
-    end = _knot_at(samples, line, 0, car, rows, cells_per_metre, keys, nearest)
-    start = end
-    for u in range(last + 1):
-        spot = end.spot
-        if u == high:
-            if u < last:
-                first, high, start = u, min(u + _STRIDE, last), end
-                end = _knot_at(samples, line, high, car, rows, cells_per_metre, keys, nearest)
-                part = 1.0 / (high - first)
-                mode = _mode_between(start, end)
-        elif mode == _BETWEEN:
-            spot = _spot_between(start.spot, end.spot, part * (u - first))
-        elif mode == _LAND_ONLY:
-            spot = Spot(0.0, 0.0, 0.0, 0.0, 0.0)
-        else:
-            spot = _knot_at(samples, line, u, car, rows, cells_per_metre, keys, nearest).spot
+    hills = palette.hills
+    for u in range(samples.shape[1]):
         fx, fy, clear = samples[line, u, X], samples[line, u, Y], samples[line, u, CLEAR]
         if clear < 0.0:
             j = int(fx + car.sky_columns) & (SKY_COLUMNS - 1)
@@ -402,15 +330,15 @@ def _add_line(
             for k in range(3):
                 sums[u, k] += sky[i, j, k]
             continue
-        x = car.x + car.cosine * fx - car.sine * fy
-        y = car.y + car.sine * fx + car.cosine * fy
+        x, y = _on_map(car, fx, fy)
+        spot = Spot(spots[u, 0], spots[u, 1], spots[u, 2], spots[u, 3], spots[u, 4])
         footprint = _footprint_of(samples, line, u)
-        texture = _texture_at(x, y, footprint.size, grain, patches)
+        texture = texture_at(x, y, footprint.size, grain, patches)
         shares = _shares_of(footprint, spot, car, lanes, texture)
-        colour = _ground_colour(shares, texture, colours, contrasts)
-        sums[u, 0] += colours[HILLS, 0] + clear * (colour.red - colours[HILLS, 0])
-        sums[u, 1] += colours[HILLS, 1] + clear * (colour.green - colours[HILLS, 1])
-        sums[u, 2] += colours[HILLS, 2] + clear * (colour.blue - colours[HILLS, 2])
+        colour = ground_colour(shares, texture, palette)
+        sums[u, 0] += hills.red + clear * (colour.red - hills.red)
+        sums[u, 1] += hills.green + clear * (colour.green - hills.green)
+        sums[u, 2] += hills.blue + clear * (colour.blue - hills.blue)
 
 
 @njit(error_model="numpy")
@@ -427,12 +355,17 @@ def _draw(
     """Write the picture from a car at a place (m, m, rad) into ``image``, (height, width, 3)."""
     car = _car_at(place)
     lanes = _lanes_of(lane_width, wear)
+    rows, cells_per_metre, keys, nearest = road
+    colours, contrasts, grain, patches, sky = scenery
+    palette = palette_of(colours, contrasts)
     width = image.shape[1]
+    spots = np.empty((width, 5))
     sums = np.empty((width, 3))
     for v in range(image.shape[0]):
         sums[:] = 0.0
         for line in range(first_lines[v], first_lines[v + 1]):
-            _add_line(samples, line, car, road, lanes, scenery, sums)
+            _locate_line(samples, line, car, rows, cells_per_metre, keys, nearest, spots)
+            _add_line(samples, line, spots, car, lanes, palette, grain, patches, sky, sums)
         share = 1.0 / (first_lines[v + 1] - first_lines[v])
         for u in range(width):
             for k in range(3):

@@ -1,0 +1,166 @@
+"""Colour of the ground that a camera's sample covers, in compiled code."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Final, NamedTuple, TypeAlias
+
+import numpy as np
+
+from frenetic._support.arrays import FloatArray
+from frenetic._support.compiled import njit
+from frenetic.plugins.vision.scenery import (
+    ASPHALT,
+    ASPHALT_GRAIN,
+    ASPHALT_PATCHES,
+    GRAVEL,
+    GRAVEL_GRAIN,
+    HILLS,
+    LAND,
+    LAND_GRAIN,
+    PAINT,
+    PAINT_GRAIN,
+    PATCH,
+    TEXTURE_SIZE,
+)
+
+if TYPE_CHECKING:
+    import numpy.typing as npt
+
+    Texels: TypeAlias = npt.NDArray[np.float32]
+    """Texture, (256, 256)."""
+
+# What a sample costs is inlined: as calls that return records it would take half of the time. It
+# takes numbers, not arrays, whose references Numba counts by slow atomic operations at each branch.
+# Only `texture_at` takes arrays; as each `if` there has its `else`, nothing is counted.
+
+GRAIN_TEXEL: Final = 1.0 / 16.0
+"""Side of a texel of gravel and grain, in m; ours."""
+_PATCH_TEXEL = 0.5  # [m], a texel of patches; ours
+
+
+class Texture(NamedTuple):
+    """Values of the textures at a point, from -1 to 1."""
+
+    fine: float
+    coarse: float
+
+
+class Shares(NamedTuple):
+    """Shares of a footprint."""
+
+    verge: float
+    """Share on the road with its gravel."""
+    road: float
+    """Share on the asphalt."""
+    paint: float
+    """Share on the markings."""
+
+
+class Colour(NamedTuple):
+    """Red, green and blue, from 0 to 255."""
+
+    red: float
+    green: float
+    blue: float
+
+
+class Palette(NamedTuple):
+    """Colours of a scene, and the contrasts of their textures."""
+
+    land: Colour
+    patch: Colour
+    gravel: Colour
+    asphalt: Colour
+    paint: Colour
+    hills: Colour
+    land_grain: float
+    gravel_grain: float
+    asphalt_grain: float
+    asphalt_patches: float
+    paint_grain: float
+
+
+@njit(error_model="numpy")
+def _colour_of(colours: FloatArray, row: int) -> Colour:
+    """Return a row of the table of colours."""
+    return Colour(colours[row, 0], colours[row, 1], colours[row, 2])
+
+
+@njit(error_model="numpy")
+def palette_of(colours: FloatArray, contrasts: FloatArray) -> Palette:
+    """Return the colours and contrasts of a scenery."""
+    return Palette(
+        _colour_of(colours, LAND),
+        _colour_of(colours, PATCH),
+        _colour_of(colours, GRAVEL),
+        _colour_of(colours, ASPHALT),
+        _colour_of(colours, PAINT),
+        _colour_of(colours, HILLS),
+        contrasts[LAND_GRAIN],
+        contrasts[GRAVEL_GRAIN],
+        contrasts[ASPHALT_GRAIN],
+        contrasts[ASPHALT_PATCHES],
+        contrasts[PAINT_GRAIN],
+    )
+
+
+@njit(error_model="numpy", inline="always")
+def texture_at(
+    x: float,
+    y: float,
+    size: float,
+    grain: Texels,
+    patches: Texels,
+) -> Texture:
+    """Return the textures at a point; they fade where a footprint holds many texels."""
+    mask = TEXTURE_SIZE - 1
+    if size < 16.0 * GRAIN_TEXEL:
+        i, j = math.floor(x * (1.0 / GRAIN_TEXEL)), math.floor(y * (1.0 / GRAIN_TEXEL))
+        fine = grain[i & mask, j & mask] * min(2.0 * GRAIN_TEXEL / size, 1.0)
+    else:
+        fine = 0.0
+    if size < 32.0 * _PATCH_TEXEL:
+        tx, ty = x * (1.0 / _PATCH_TEXEL), y * (1.0 / _PATCH_TEXEL)
+        i, j = math.floor(tx), math.floor(ty)
+        tx -= i
+        ty -= j
+        i0, j0, i1, j1 = i & mask, j & mask, (i + 1) & mask, (j + 1) & mask
+        low = patches[i0, j0] + ty * (patches[i0, j1] - patches[i0, j0])
+        high = patches[i1, j0] + ty * (patches[i1, j1] - patches[i1, j0])
+        coarse = (low + tx * (high - low)) * min(8.0 * _PATCH_TEXEL / size, 1.0)
+    else:
+        coarse = 0.0
+    return Texture(fine, coarse)
+
+
+@njit(error_model="numpy", inline="always")
+def _covered(ground: Colour, cover: Colour, share: float, shade: float) -> Colour:
+    """Return a colour of which a share is covered by another one, lighter by ``shade``."""
+    return Colour(
+        ground.red + share * (cover.red + shade - ground.red),
+        ground.green + share * (cover.green + shade - ground.green),
+        ground.blue + share * (cover.blue + shade - ground.blue),
+    )
+
+
+@njit(error_model="numpy", inline="always")
+def ground_colour(shares: Shares, texture: Texture, palette: Palette) -> Colour:
+    """Return the ground's colour without haze."""
+    colour = Colour(0.0, 0.0, 0.0)
+    if shares.verge < 1.0:
+        mix = min(max(0.5 + 0.8 * texture.coarse, 0.0), 1.0)
+        grain = palette.land_grain * texture.fine
+        land = _covered(palette.land, palette.patch, mix, 0.0)
+        colour = Colour(land.red + grain, land.green + grain, land.blue + grain)
+    if shares.verge > 0.0:
+        if shares.road < 1.0:
+            grain = palette.gravel_grain * texture.fine
+            colour = _covered(colour, palette.gravel, shares.verge, grain)
+        if shares.road > 0.0:
+            shade = palette.asphalt_grain * texture.fine + palette.asphalt_patches * texture.coarse
+            colour = _covered(colour, palette.asphalt, shares.road, shade)
+        if shares.paint > 0.0:
+            grain = palette.paint_grain * texture.fine
+            colour = _covered(colour, palette.paint, shares.paint, grain)
+    return colour
