@@ -96,13 +96,27 @@ def pytest_configure(config: pytest.Config) -> None:
     if hasattr(config, "workerinput"):
         return
     if config.getoption("numprocesses", None):
-        # Compile the kernels once, before the processes start, each of which would compile them.
-        load = "from interpreters import load_kernels; load_kernels()"
-        path = os.pathsep.join([str(HERE / "shared"), os.environ.get("PYTHONPATH", "")])
-        environment = os.environ | {"PYTHONPATH": path}
-        subprocess.run([sys.executable, "-c", load], env=environment, check=True)
+        compile_once()
     if config.getoption("--keep-durations"):
         config.pluginmanager.register(Durations())
+
+
+def compile_once() -> None:
+    """Compile kernels and test files once, before the processes start that would all do it."""
+    load = "from interpreters import load_kernels; load_kernels()"
+    path = os.pathsep.join([str(HERE / "shared"), os.environ.get("PYTHONPATH", "")])
+    environment = os.environ | {"PYTHONPATH": path}
+    with subprocess.Popen([sys.executable, "-c", load], env=environment) as kernels:
+        is_fresh = not any((HERE / "__pycache__").glob("test_*.pyc"))
+        if is_fresh and not sys.dont_write_bytecode:
+            collect = ("--collect-only", "-qq", "-n", "0", str(HERE))
+            # If this fails, the tests say why.
+            subprocess.run(
+                [sys.executable, "-m", "pytest", *collect],
+                stdout=subprocess.DEVNULL,
+                stderr=subprocess.DEVNULL,
+            )
+    assert kernels.returncode == 0, "the kernels cannot be compiled"
 
 
 def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
