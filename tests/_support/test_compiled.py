@@ -120,7 +120,9 @@ print(total(np.arange(5)), total(np.arange(5.0)))
 """
 
 
-@pytest.mark.parametrize("error", ["filelock.Timeout", "OSError"])
+@pytest.mark.parametrize(
+    "error", ["filelock.Timeout", pytest.param("OSError", marks=pytest.mark.heavy)]
+)
 def test_a_process_without_the_lock_compiles_without_the_cache(folder: Path, error: str) -> None:
     with start(folder, WITHOUT_LOCK.format(error=error)) as alone:
         assert alone.communicate()[0] == "10.0 10.0\n"

@@ -100,6 +100,7 @@ def sizes(clusters: Clusters) -> list[tuple[Any, ...]]:
     ]
 
 
+@pytest.mark.heavy
 def test_repeats_do_not_change_the_measures_of_a_campaign(
     plain: Path, repeated: Path, mixed: Path
 ) -> None:

@@ -321,7 +321,10 @@ def test_workers_of_a_killed_campaign_end_with_the_processes_that_they_started(
     assert before <= stored(running.folder) <= 4
 
 
-@pytest.mark.parametrize("statement", range(1, 12))
+@pytest.mark.parametrize(
+    "statement",
+    [n if n in (1, 4, 8) else pytest.param(n, marks=pytest.mark.heavy) for n in range(1, 12)],
+)
 def test_a_second_ctrl_c_within_a_write_loses_no_result(
     tmp_path: Path, breaking: type[Breaking], statement: int
 ) -> None:

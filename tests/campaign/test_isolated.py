@@ -130,6 +130,7 @@ def test_a_campaign_in_another_process_is_the_same_bit_for_bit(tmp_path: Path) -
         assert {test.outcome for test in apart.tests()} >= {Outcome.PASS, Outcome.FAIL}
 
 
+@pytest.mark.heavy
 def test_kernels_are_ready_before_a_drivers_time_starts() -> None:
     """The wall limit counts only the driver's time, also in a fresh process."""
     driver = Delayed(LimitedView(Noisy(RequiresReadyKernels())))
@@ -209,7 +210,7 @@ DEEDS = {
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="by POSIX means")
-@pytest.mark.parametrize("workers", [1, 2])
+@pytest.mark.parametrize("workers", [pytest.param(1, marks=pytest.mark.heavy), 2])
 def test_a_driver_that_breaks_its_process_fails_one_test(
     marks: Marks, tmp_path: Path, workers: int
 ) -> None:
@@ -392,7 +393,14 @@ class Wayward(PythonPlanner):
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="by POSIX means")
-@pytest.mark.parametrize(("moment", "workers"), [("act", 1), ("act", 2), ("reset", 1)])
+@pytest.mark.parametrize(
+    ("moment", "workers"),
+    [
+        ("act", 1),
+        pytest.param("act", 2, marks=pytest.mark.heavy),
+        pytest.param("reset", 1, marks=pytest.mark.heavy),
+    ],
+)
 def test_each_way_to_break_a_drive_is_a_failure_of_the_driver(
     marks: Marks, tmp_path: Path, moment: str, workers: int
 ) -> None:

@@ -290,7 +290,9 @@ class Chance:
                 assert test.reason == (ASLEEP if losses > 1 else "as it was to be")
 
 
-@pytest.mark.parametrize("seed", range(20))
+@pytest.mark.parametrize(
+    "seed", [*range(5), *(pytest.param(n, marks=pytest.mark.heavy) for n in range(5, 20))]
+)
 def test_a_campaign_equals_a_plain_search_for_any_workers_and_interruptions(
     tmp_path: Path, seed: int
 ) -> None:

@@ -36,7 +36,9 @@ pytest_plugins = ["campaign_fixtures"]
 
 @pytest.mark.endurance
 @pytest.mark.skipif(sys.platform == "win32", reason="a process kills itself by a POSIX signal")
-@pytest.mark.parametrize(("workers", "max_in_flight"), [(1, 1), (2, 16)])
+@pytest.mark.parametrize(
+    ("workers", "max_in_flight"), [(1, 1), pytest.param(2, 16, marks=pytest.mark.heavy)]
+)
 def test_a_campaign_killed_at_random_moments_equals_one_run(
     tmp_path: Path, workers: int, max_in_flight: int, endurance: bool
 ) -> None:

@@ -183,6 +183,7 @@ def test_an_unreadable_line_is_answered_and_changes_nothing(tmp_path: Path) -> N
     assert end["summary"]["tests"] == 0
 
 
+@pytest.mark.heavy
 def test_with_a_domain_each_road_has_conditions(tmp_path: Path) -> None:
     file = tmp_path / "town.toml"
     file.write_text(
@@ -207,6 +208,7 @@ def test_with_a_domain_each_road_has_conditions(tmp_path: Path) -> None:
     assert not check_campaign(tmp_path / "search").findings
 
 
+@pytest.mark.heavy
 def test_after_a_kill_the_search_goes_on_with_the_same_roads(tmp_path: Path) -> None:
     options = ("--seed", "5", "--simulations", "20")
     roads: dict[str, list[dict[str, Any]]] = {"whole": [], "part": []}

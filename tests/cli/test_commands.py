@@ -443,6 +443,7 @@ for arguments in json.loads(sys.argv[1]):
 """
 
 
+@pytest.mark.heavy
 def test_what_a_driver_prints_is_kept_out_of_stdout(tmp_path: Path) -> None:
     (tmp_path / "talks.py").write_text(TALKS)
     (tmp_path / "road.json").write_text(json.dumps({"curvatures": BEND}))

@@ -88,6 +88,7 @@ def version(folder: str) -> str:
         return short_version(store.config["driver"])
 
 
+@pytest.mark.heavy
 def test_show_and_report_say_which_version_drove(frenetic: Frenetic) -> None:
     assert version("old") != version("new")
     for folder in ("old", "new"):
@@ -115,7 +116,9 @@ def test_compare_never_takes_two_versions_for_repeats(frenetic: Frenetic) -> Non
     assert frenetic("compare", "old", "--json").code == 2
 
 
-@pytest.mark.parametrize(("folder", "heading"), [("old", "0.9"), ("module", "1.1")])
+@pytest.mark.parametrize(
+    ("folder", "heading"), [("old", "0.9"), pytest.param("module", "1.1", marks=pytest.mark.heavy)]
+)
 def test_resume_refuses_an_edited_driver_and_advises_a_command(
     frenetic: Frenetic, folder: str, heading: str
 ) -> None:
@@ -199,7 +202,9 @@ def test_an_edited_driver_is_compared_with_its_recorded_version(frenetic: Frenet
     assert same.refuses("both versions are the same")
 
 
-@pytest.mark.parametrize("words", [("rerun",), ("minimise", "--max-drives", "5")])
+@pytest.mark.parametrize(
+    "words", [("rerun",), pytest.param(("minimise", "--max-drives", "5"), marks=pytest.mark.heavy)]
+)
 def test_rerun_and_minimise_warn_of_another_version(
     frenetic: Frenetic, words: tuple[str, ...], caplog: pytest.LogCaptureFixture
 ) -> None:
@@ -212,6 +217,7 @@ def test_rerun_and_minimise_warn_of_another_version(
     assert messages.count(text.format(version("new"), version("old"))) == 1
 
 
+@pytest.mark.heavy
 def test_a_bench_goes_on_with_the_same_version_only(frenetic: Frenetic) -> None:
     bench = ("bench", "--simulations", "3", "--repeats", "1", "--workers", "1", "--out", "b")
     assert frenetic(*bench, "--strategy", "random", "--driver", "mpc.py:Mpc").code == 0

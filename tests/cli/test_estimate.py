@@ -186,7 +186,7 @@ def test_without_failures_the_estimate_is_an_upper_limit() -> None:
     )
 
 
-@pytest.mark.parametrize("share", [0.0, 2e-3])
+@pytest.mark.parametrize("share", [pytest.param(0.0, marks=pytest.mark.heavy), 2e-3])
 def test_more_drives_lower_the_upper_limit_even_in_other_conditions(share: float) -> None:
     """Also if only the drives in other conditions failed, and too few of them for an estimate."""
     for seed in range(4):
@@ -290,6 +290,7 @@ def uninterrupted(tmp_path_factory: pytest.TempPathFactory) -> FailureRate:
     return failure_rate
 
 
+@pytest.mark.heavy
 def test_the_estimate_does_not_depend_on_the_number_of_workers(
     uninterrupted: FailureRate, tmp_path: Path
 ) -> None:
@@ -304,7 +305,14 @@ def test_the_estimate_does_not_depend_on_the_number_of_workers(
     assert FailureRate.read(out) == uninterrupted
 
 
-@pytest.mark.parametrize("workers", [(1, 1), (1, 3), (3, 1)])
+@pytest.mark.parametrize(
+    "workers",
+    [
+        pytest.param((1, 1), marks=pytest.mark.heavy),
+        (1, 3),
+        pytest.param((3, 1), marks=pytest.mark.heavy),
+    ],
+)
 def test_after_ctrl_c_the_same_call_goes_on(
     uninterrupted: FailureRate, tmp_path: Path, workers: tuple[int, int]
 ) -> None:
@@ -442,6 +450,7 @@ def test_after_a_kill_the_same_command_goes_on(
     assert frenetic("resume", "c").refuses("c does not search", "'estimate', goes on with it")
 
 
+@pytest.mark.heavy
 def test_ctrl_c_prints_the_command_that_goes_on_with_the_drives(
     frenetic: Frenetic, stopping_driver: Callable[[int], str], tmp_path: Path
 ) -> None:

@@ -95,6 +95,7 @@ def test_an_interrupted_campaign_exits_1_and_says_how_to_go_on(
     assert (code, json.loads(out)["status"]) == (0, "interrupted")
 
 
+@pytest.mark.heavy
 def test_follow_ends_when_the_campaign_finishes(tmp_path: Path) -> None:
     with paced(tmp_path) as running, following_process(tmp_path) as process:
         read_until(process.stdout, f"status     running in process {running.id}")

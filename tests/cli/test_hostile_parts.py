@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import os
+import shutil
 import sys
+from collections.abc import Callable
+from contextlib import chdir
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
@@ -36,6 +39,8 @@ def write():
 
 def start():
     code = "import time; time.sleep(600)"
+    if Path("child").exists():
+        return
     child = subprocess.Popen([sys.executable, "-c", code], start_new_session=True)
     Path("child").write_text(str(child.pid))
 
@@ -76,25 +81,35 @@ FAULTS: Final = {
 """Deed -> the fault of the third test."""
 
 
+RUN: Final = ("run", "--simulations", "6", "--seed", "1", "--strategy", "random", "--workers")
+
+
+@pytest.fixture(scope="module")
+def recorded(tmp_path_factory: pytest.TempPathFactory, prepare: Callable[..., None]) -> Path:
+    """A folder with a campaign of the driver that tells its roads apart, and with its roads."""
+    folder = tmp_path_factory.mktemp("recorded")
+    (folder / "hostile.py").write_text(DRIVER.replace("{deed}", "None"), encoding="utf-8")
+    with chdir(folder):
+        prepare(*RUN, "1", "--driver", "hostile.py:Recording", "--out", "c")
+    return folder
+
+
 @pytest.mark.skipif(sys.platform != "linux", reason="by Linux's means")
-@pytest.mark.parametrize("workers", ["1", "2"])
+@pytest.mark.parametrize("workers", ["1", pytest.param("2", marks=pytest.mark.heavy)])
 @pytest.mark.parametrize("deed", FAULTS)
 def test_a_drive_that_a_driver_breaks_fails_and_other_drives_are_as_usual(
     frenetic: Frenetic,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
+    recorded: Path,
     deed: str,
     workers: str,
 ) -> None:
-    monkeypatch.chdir(tmp_path)
+    shutil.copy(recorded / "roads", "roads")
     Path("hostile.py").write_text(DRIVER.replace("{deed}", deed), encoding="utf-8")
-    run = ("run", "--simulations", "6", "--seed", "1", "--strategy", "random", "--workers")
-    for name, count in (("Recording", "1"), ("Hostile", workers)):
-        answer = frenetic(*run, count, "--driver", f"hostile.py:{name}", "--out", name)
-        assert answer.code == 0, answer.err
-    with CampaignStore.open("Recording") as store:
+    answer = frenetic(*RUN, workers, "--driver", "hostile.py:Hostile", "--out", "c")
+    assert answer.code == 0, answer.err
+    with CampaignStore.open(recorded / "c") as store:
         usual = {test.id: (test.outcome, test.moobd) for test in store.tests()}
-    with CampaignStore.open("Hostile") as store:
+    with CampaignStore.open("c") as store:
         tests = {test.id: test for test in store.tests()}
     third = tests.pop(3)
     if FAULTS[deed]:

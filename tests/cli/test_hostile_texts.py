@@ -64,7 +64,14 @@ ENTRIES: Final = {
 """A command line -> the content of its file; {} stands for the text."""
 
 
-@pytest.mark.parametrize("nested", NESTED)
+@pytest.mark.parametrize(
+    "nested",
+    [
+        "lists",
+        pytest.param("objects", marks=pytest.mark.heavy),
+        pytest.param("parentheses", marks=pytest.mark.heavy),
+    ],
+)
 @pytest.mark.parametrize("entry", ENTRIES)
 def test_deeply_nested_input_is_refused_in_one_line_by_every_reader(
     entry: str, nested: str, frenetic: Frenetic, tmp_path: Path

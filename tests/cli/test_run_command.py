@@ -145,7 +145,7 @@ def test_a_driver_that_ends_its_process_costs_one_drive(frenetic: Frenetic) -> N
     assert failures[0]["description"] == "ends its process"
 
 
-@pytest.mark.parametrize("workers", ["1", "2"])
+@pytest.mark.parametrize("workers", ["1", pytest.param("2", marks=pytest.mark.heavy)])
 def test_a_drivers_error_is_reported_with_its_line_and_traceback(
     frenetic: Frenetic, workers: str, caplog: pytest.LogCaptureFixture
 ) -> None:
@@ -254,6 +254,7 @@ for name in sys.argv[1:]:
 """
 
 
+@pytest.mark.heavy
 @pytest.mark.skipif(sys.platform == "win32", reason="signals are sent as on POSIX here")
 def test_a_signal_ends_a_run_which_prints_its_summary_and_leaves_its_simulator(
     tmp_path: Path,
@@ -379,10 +380,15 @@ def next_commands(answer: Answer) -> list[str]:
 
 
 @pytest.mark.parametrize(
-    "budget", [("--simulations", "12"), ("--time", "10m"), ("--failures", "9")]
+    "budget",
+    [
+        ("--simulations", "12"),
+        pytest.param(("--time", "10m"), marks=pytest.mark.heavy),
+        pytest.param(("--failures", "9"), marks=pytest.mark.heavy),
+    ],
 )
 @pytest.mark.parametrize("aggression", ["0.2", "3"])
-@pytest.mark.parametrize("more", [(), ("--json",)])
+@pytest.mark.parametrize("more", [(), pytest.param(("--json",), marks=pytest.mark.heavy)])
 def test_ctrl_c_advises_to_resume_to_the_stored_budget(
     frenetic: Frenetic,
     stopping_driver: Callable[[int], str],

@@ -29,13 +29,25 @@ def results_of(folder: str) -> list[object]:
     "options",
     [
         ("--seed", "3", "--with", "noise=0.1", "--driver", "aggression=1.1"),
-        ("--seed", "5", "--strategy", "frenetic-2021,threshold=-0.2"),
+        pytest.param(
+            ("--seed", "5", "--strategy", "frenetic-2021,threshold=-0.2"), marks=pytest.mark.heavy
+        ),
         (
             *("--simulator", "embedded,friction=0.8", "--map-size", "250"),
             *("--criteria", "competition,oob_tolerance=0.5"),
         ),
-        ("--roads", "rural-80,length=800", "--map-size", "1000", "--criteria", "speed_limit=70"),
-        ("--objective", "oob-share", "--strategy", "random"),
+        pytest.param(
+            (
+                "--roads",
+                "rural-80,length=800",
+                "--map-size",
+                "1000",
+                "--criteria",
+                "speed_limit=70",
+            ),
+            marks=pytest.mark.heavy,
+        ),
+        pytest.param(("--objective", "oob-share", "--strategy", "random"), marks=pytest.mark.heavy),
     ],
 )
 def test_a_campaigns_own_file_runs_the_same_campaign(

@@ -10,7 +10,7 @@ import shutil
 import sqlite3
 import subprocess
 import sys
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import chdir, closing
 from pathlib import Path
@@ -137,6 +137,14 @@ COMMANDS: Final = ("drive", "drive a test", "drive as", "rerun", "minimise", "ru
 """These commands but for compare, whose ``--driver`` is the new version."""
 
 
+def mostly_heavy(*light: str, without: Collection[str] = ()) -> list[Any]:
+    """Return the commands as parameters of a test; all but the light ones are heavy."""
+    commands = [name for name in (*COMMANDS, "compare") if name not in without]
+    return [
+        name if name in light else pytest.param(name, marks=pytest.mark.heavy) for name in commands
+    ]
+
+
 def write_road() -> None:
     text = json.dumps({"curvatures": [0, 0.01, 0.02, 0.02, 0.01, 0]})
     Path("road.json").write_text(text, encoding="utf-8")
@@ -153,7 +161,7 @@ def change_fact(campaign: Path | str, name: str, change: Callable[[Any], Any]) -
 # Campaigns of the user
 
 
-@pytest.mark.parametrize("command", [*COMMANDS, "compare"])
+@pytest.mark.parametrize("command", mostly_heavy("rerun", "run"))
 @pytest.mark.parametrize("is_there", [True, False])
 def test_a_users_campaign_needs_no_trust_and_loads_code_of_its_folder_only(
     frenetic: Frenetic, user: Path, mark: Path, tmp_path: Path, command: str, is_there: bool
@@ -260,7 +268,7 @@ def test_a_strangers_driver_is_refused_and_not_loaded(
     assert not received.exists()
 
 
-@pytest.mark.parametrize("command", [name for name in COMMANDS if name != "resume"])
+@pytest.mark.parametrize("command", mostly_heavy("drive", "run", without=("resume", "compare")))
 def test_a_strangers_driver_drives_only_in_commands_that_name_it(
     frenetic: Frenetic, received: Path, command: str
 ) -> None:
@@ -275,7 +283,7 @@ def test_a_strangers_driver_drives_only_in_commands_that_name_it(
     assert received.exists() is is_toml
 
 
-@pytest.mark.parametrize("command", [*COMMANDS, "compare"])
+@pytest.mark.parametrize("command", mostly_heavy("rerun", "resume"))
 def test_trust_signs_a_strangers_driver_for_later_commands(
     frenetic: Frenetic, received: Path, command: str
 ) -> None:
@@ -418,6 +426,7 @@ def test_a_strangers_bench_is_refused_until_it_is_named_or_trusted(
     assert mark.exists() is (option != "pipeline"), "the folder holds no pipeline"
 
 
+@pytest.mark.heavy
 def test_the_users_bench_goes_on_until_somebody_edits_a_part(
     frenetic: Frenetic, user: Path, mark: Path, tmp_path: Path
 ) -> None:
@@ -466,6 +475,7 @@ def test_a_package_called_model_is_not_loaded_for_a_file_of_data(
     assert not mark.exists()
 
 
+@pytest.mark.heavy
 def test_an_installed_driver_needs_no_trust_beside_a_folder_of_its_name(
     frenetic: Frenetic, tmp_path: Path, mark: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

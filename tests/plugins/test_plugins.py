@@ -109,6 +109,7 @@ for line in {lines!r}:
 """
 
 
+@pytest.mark.heavy
 def test_a_third_partys_parts_work_like_built_in_parts(installed: Path, tmp_path: Path) -> None:
     parts = "--driver hasty,speed=60 --strategy zigzag --simulator rails --with wind=0.2"
     search = f"run {parts} --simulations 6 --seed 1 --workers 2 --out night"

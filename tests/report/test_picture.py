@@ -144,7 +144,17 @@ def test_drawn_lanes_widen() -> None:
 
 @pytest.mark.parametrize(
     ("name", "drift"),
-    [*((name, 5.0) for name in ROADS), ("hairpin", 0.0), ("loop", -5.0)],
+    [
+        ("winding", 5.0),
+        ("tiny", 5.0),
+        ("loop", -5.0),
+        *(
+            pytest.param(name, 5.0, marks=pytest.mark.heavy)
+            for name in ROADS
+            if name not in ("winding", "tiny")
+        ),
+        pytest.param("hairpin", 0.0, marks=pytest.mark.heavy),
+    ],
 )
 def test_every_road_can_be_drawn(name: str, drift: float, tmp_path: Path) -> None:
     road = ROADS[name]
@@ -191,7 +201,14 @@ ENDS: dict[str, tuple[Drive, str]] = {
 }
 
 
-@pytest.mark.parametrize("name", ENDS)
+LIGHT_ENDS = {"nothing", "stopped", "not a number", "timeout"}
+"""Ends that light tests draw."""
+
+
+@pytest.mark.parametrize(
+    "name",
+    [name if name in LIGHT_ENDS else pytest.param(name, marks=pytest.mark.heavy) for name in ENDS],
+)
 def test_an_unfinished_drive_is_drawn_up_to_its_end(name: str, tmp_path: Path) -> None:
     drive, start = ENDS[name]
     for file in ("a.svg", "a.png"):
@@ -213,7 +230,12 @@ def test_any_title_and_reason_can_be_written(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     ("name", "start"),
-    [("a.png", b"\x89PNG"), ("A.PNG", b"\x89PNG"), ("a.svg", b"<?xml"), ("a.pdf", b"%PDF-")],
+    [
+        ("a.png", b"\x89PNG"),
+        pytest.param("A.PNG", b"\x89PNG", marks=pytest.mark.heavy),
+        ("a.svg", b"<?xml"),
+        pytest.param("a.pdf", b"%PDF-", marks=pytest.mark.heavy),
+    ],
 )
 def test_the_same_drive_gives_the_same_bytes_with_any_settings(
     name: str, start: bytes, tmp_path: Path

@@ -254,6 +254,7 @@ def press_at(drives: int) -> Callable[[Summary], None]:
     return press
 
 
+@pytest.mark.heavy
 def test_the_next_call_resumes_an_interrupted_and_reads_a_complete_minimisation(
     failures: list[Road], tmp_path: Path
 ) -> None:

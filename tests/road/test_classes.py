@@ -94,7 +94,13 @@ def test_conformed_curvatures_keep_the_rules(name: str, values: list[float], rep
     assert np.array_equal(road_class.conformed(conformed, road_class.step), conformed)
 
 
-@pytest.mark.parametrize("strategy", STRATEGIES)
+@pytest.mark.parametrize(
+    "strategy",
+    [
+        strategy if strategy is Frenetic else pytest.param(strategy, marks=pytest.mark.heavy)
+        for strategy in STRATEGIES
+    ],
+)
 @pytest.mark.parametrize("name", list(RULES))
 def test_strategies_stay_in_their_class(name: str, strategy: Callable[..., Strategy]) -> None:
     road_class, rng = RoadClass.of(name), np.random.default_rng(1)

@@ -66,7 +66,12 @@ def report_of(driver: str, folder: Path, **options: int) -> str:
 
 @pytest.mark.parametrize(
     "driver",
-    ["BrakesLate", "Raises", pytest.param("Unrepeatable", marks=pytest.mark.heavy), "Sound"],
+    [
+        pytest.param("BrakesLate", marks=pytest.mark.heavy),
+        "Raises",
+        pytest.param("Unrepeatable", marks=pytest.mark.heavy),
+        "Sound",
+    ],
 )
 def test_each_planted_fault_fails_with_its_cause(driver: str, tmp_path: Path) -> None:
     report, cause = report_of(driver, tmp_path), PLANTED[driver]
@@ -167,6 +172,7 @@ def test_other():
     assert "plugin.py" not in damaged.stdout
 
 
+@pytest.mark.heavy
 def test_criteria_and_a_road_class_apply(interpreter: Interpreter, tmp_path: Path) -> None:
     text = """
 from frenetic import Planner

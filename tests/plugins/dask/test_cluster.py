@@ -95,6 +95,7 @@ def workers_of(
         yield workers
 
 
+@pytest.mark.heavy
 def test_a_campaign_on_a_cluster_equals_that_of_a_single_process(
     cluster: Cluster, tmp_path: Path
 ) -> None:
@@ -154,6 +155,7 @@ def test_a_fault_during_a_drive_costs_an_attempt(
     until(lambda: not any(map(is_running, marks.pids())), "its simulators end")
 
 
+@pytest.mark.heavy
 def test_a_drive_that_takes_longer_than_its_limit_is_ended(
     cluster: Cluster, tmp_path: Path, marks: Marks
 ) -> None:
@@ -166,6 +168,7 @@ def test_a_drive_that_takes_longer_than_its_limit_is_ended(
         until(lambda: not any(map(is_running, marks.pids())), "its simulator ends")
 
 
+@pytest.mark.heavy
 def test_a_simulator_that_does_not_start_is_an_error_in_one_line(
     cluster: Cluster, tmp_path: Path, marks: Marks
 ) -> None:
@@ -177,6 +180,7 @@ def test_a_simulator_that_does_not_start_is_an_error_in_one_line(
         drive_one(workers)
 
 
+@pytest.mark.heavy
 def test_a_driver_that_cannot_be_copied_is_refused_in_one_line(
     cluster: Cluster, tmp_path: Path
 ) -> None:

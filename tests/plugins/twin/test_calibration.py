@@ -286,6 +286,7 @@ DRIVE = row_of(
 )
 
 
+@pytest.mark.heavy
 def test_an_export_reads_like_its_campaign(campaigns: list[Path], tmp_path: Path) -> None:
     export_campaign(campaigns[0], "competition", tmp_path / "out", trajectories="all")
     exported = read_recordings([tmp_path / "out"]).drives

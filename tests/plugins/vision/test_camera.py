@@ -65,6 +65,7 @@ def picture(url: str) -> np.ndarray:
     return np.asarray(Image.open(io.BytesIO(base64.b64decode(data)))).astype(float)
 
 
+@pytest.mark.heavy
 def test_a_report_shows_what_the_camera_saw_through_its_wrappers(searched: Path) -> None:
     with CampaignStore.open(searched) as store:
         report = campaign_report(store)
