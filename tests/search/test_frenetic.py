@@ -15,18 +15,19 @@ from frenetic.search import Candidate, Evaluation, Frenetic, Trace
 from frenetic.search import speed_model as speeds
 from frenetic.search.approach import (
     BEHIND,
+    POINTS_BEHIND,
     SIZE,
-    alike_before,
+    SPACING,
     as_vector,
-    is_near,
-    is_near_at,
+    lay_points,
     lay_road,
-    nearest_square,
+    points_along,
     road_around,
     states_before,
     table_around,
 )
 from frenetic.search.archive import APART, LEFT, RIGHT, Archive, Place, critical_places
+from frenetic.search.known_failures import NOTHING, Known, KnownFailures
 from frenetic.search.operators import CURVATURE_BOUND, random_curvatures
 from frenetic.search.variation import OPERATORS, PARAMETERS, draw_child, vary
 
@@ -102,12 +103,14 @@ def test_a_child_avoids_the_failures_expected_of_outstanding_roads() -> None:
         archive.expect(number, place.side, place.vector + number)
         archive.expect(-number, RIGHT, place.vector - number)
     expected = [place.vector + number for number in (0, *range(2, 100))]
-    np.testing.assert_array_equal(archive.failures(place.side), expected)
+    np.testing.assert_array_equal(archive.failures(place.side).vectors, expected)
     assert archive.add(candidate, place._replace(vector=place.vector + 2.0)) == 4.0
     for number in range(2, 100):
         archive.settle(number)
-    np.testing.assert_array_equal(archive.failures(LEFT), [place.vector, place.vector + 2.0])
-    assert len(archive.failures(RIGHT)) == 98
+    np.testing.assert_array_equal(
+        archive.failures(LEFT).vectors, [place.vector, place.vector + 2.0]
+    )
+    assert len(archive.failures(RIGHT).vectors) == 98
 
 
 def test_a_notice_says_that_no_road_comes_close_to_failing() -> None:
@@ -134,6 +137,9 @@ def test_archive_and_analysis_compute_the_same_approach() -> None:
     for low, high in ((120.0, 120.0), (80.0, 160.0), (-50.0, 500.0)):
         table, ds, start = table_around(curvatures, 10.0, low, high)
         lay_road(laid, table, ds, 120.0 - start)
+        np.testing.assert_allclose(laid, expected, atol=1e-9)
+        points = points_along(table, ds, 120.0 - start - BEHIND - 4 * SPACING, 23)
+        lay_points(laid, points, POINTS_BEHIND + 4)
         np.testing.assert_allclose(laid, expected, atol=1e-9)
 
 
@@ -199,7 +205,7 @@ def test_a_child_that_would_repeat_a_known_failure_is_refused() -> None:
     candidate = Candidate(1, parent, 10.0, Frenetic(seed=1).ask().origin)
     vector = critical_places(drive(candidate, -2.0, 120.0), candidate, -2.0)[0].vector
 
-    def draw(known: FloatArray, same: float) -> int:
+    def draw(known: Known, same: float) -> int:
         """Return the number of the first accepted draw, or -1."""
         draws = 30
         return draw_child(
@@ -223,8 +229,10 @@ def test_a_child_that_would_repeat_a_known_failure_is_refused() -> None:
             np.empty(SIZE),
         )[0]
 
-    known = vector[np.newaxis]
-    assert draw(known[:0], 2.0) == 0
+    failures = KnownFailures()
+    assert draw(failures.known(), 2.0) == 0
+    failures.add(vector)
+    known = failures.known()
     assert draw(known, 0.05) >= 0
     assert draw(known, 50.0) == -1
 
@@ -232,7 +240,7 @@ def test_a_child_that_would_repeat_a_known_failure_is_refused() -> None:
 def test_a_fresh_road_keeps_the_run_up_to_the_place() -> None:
     parent = random_curvatures(np.random.default_rng(1), 30)
     u = np.random.default_rng(2).random((1, PARAMETERS + 80))
-    child, none = np.empty(40), np.empty((0, SIZE))
+    child = np.empty(40)
     whole = np.zeros(1, dtype=np.int64)
     for run_up in (0.0, 60.0):
         k, n, moved = draw_child(
@@ -247,8 +255,8 @@ def test_a_fresh_road_keeps_the_run_up_to_the_place() -> None:
             whole,
             np.array([30]),
             np.array([CURVATURE_BOUND, 0.05]),
-            none,
-            none,
+            NOTHING,
+            NOTHING,
             1.6,
             np.array([run_up]),
             np.empty(0),
@@ -347,25 +355,6 @@ def test_the_speed_model_learns_a_driver() -> None:
         0.07 - np.abs(np.interp(40.0 + 2.5 * np.arange(60), np.arange(25) * 10.0, unseen))
     )
     assert np.sqrt(np.mean((predicted - truth) ** 2)) < 0.7 * np.std(truth)
-
-
-def test_is_near_at_agrees_with_laying_the_road_at_the_place() -> None:
-    rng = np.random.default_rng(6)
-    curvatures = random_curvatures(rng, 25)
-    known = rng.normal(0.0, 0.2, (50, SIZE))
-    table, ds, _ = table_around(curvatures, 10.0, 60.0, 140.0)
-    laid, rows, squares = known[0].copy(), np.empty(50, dtype=np.int64), np.empty(50)
-    for place in np.linspace(60.0, 140.0, 17):
-        lay_road(known[0], table, ds, place + 0.3)
-        lay_road(laid, table, ds, place)
-        least = nearest_square(known, laid, 1e3)
-        assert least == pytest.approx(((known - laid) ** 2).sum(axis=1).min())
-        for square in (0.5 * least, least, np.nextafter(least, 2e3), 1.5 * least):
-            count = alike_before(known, laid, square, rows, squares)
-            is_near_there = is_near_at(
-                known, rows[:count], squares[:count], table, ds, place, square
-            )
-            assert is_near_there == is_near(known, laid, square) == (square > least)
 
 
 def test_no_road_is_proposed_twice_and_all_lie_within_the_bound() -> None:

@@ -1,6 +1,8 @@
-"""The array type of all packages, and indices that spread evenly."""
+"""The array type of all packages, arrays that grow, and indices that spread evenly."""
 
 from __future__ import annotations
+
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -9,6 +11,13 @@ FloatArray = npt.NDArray[np.float64]
 """Float64 array; docstrings give the shape."""
 
 _GOLDEN_RATIO = (5.0**0.5 - 1.0) / 2.0
+
+
+def with_room(rows: npt.NDArray[Any], used: int) -> npt.NDArray[Any]:
+    """Return the rows, with more room if all are used."""
+    while used >= len(rows):
+        rows = np.concatenate((rows, np.empty_like(rows)))
+    return rows
 
 
 def evenly(number: int, most: int) -> npt.NDArray[np.int64]:

@@ -42,6 +42,8 @@ AHEAD = 15.0
 _BEFORE = np.arange(-BEHIND, 0.5 * SPACING, SPACING)
 STATES = len(_BEFORE)
 """Number of offsets, and of speeds."""
+POINTS_BEHIND = round(BEHIND / SPACING)
+"""Number of points of the road before the place."""
 _POINTS = round((BEHIND + AHEAD) / SPACING) + 1
 _POINT_SCALE = 1.0 / math.sqrt(_POINTS)
 STATE_SCALE = 1.0 / math.sqrt(STATES)
@@ -110,7 +112,27 @@ def lay_road(vector: FloatArray, table: FloatArray, ds: float, place: float) -> 
 
 
 @njit()
-def _square(first: FloatArray, second: FloatArray, most: float) -> float:
+def points_along(table: FloatArray, ds: float, first: float, count: int) -> FloatArray:
+    """Return points of a road every 2.5 m from `first` m on: x, y, cosine and sine, (count, 4)."""
+    points = np.empty((count, 4))
+    for i in range(count):
+        x, y, cosine, sine, _ = frame_at(table, ds, first + i * SPACING)
+        points[i, 0], points[i, 1], points[i, 2], points[i, 3] = x, y, cosine, sine
+    return points
+
+
+@njit()
+def lay_points(vector: FloatArray, points: FloatArray, place: int) -> None:
+    """Put the points around point `place` into an approach, as `lay_road` does."""
+    x0, y0, cosine, sine = points[place, 0], points[place, 1], points[place, 2], points[place, 3]
+    for i in range(_POINTS):
+        x, y = points[place - POINTS_BEHIND + i, 0] - x0, points[place - POINTS_BEHIND + i, 1] - y0
+        vector[2 * i] = (x * cosine + y * sine) * _POINT_SCALE
+        vector[2 * i + 1] = (y * cosine - x * sine) * _POINT_SCALE
+
+
+@njit()
+def squared_difference(first: FloatArray, second: FloatArray, most: float) -> float:
     """Return the squared difference of two approaches, or, from `most` on, any value >= `most`."""
     square = 0.0
     # From the place backwards the speeds tell most pairs apart at once.
@@ -127,7 +149,7 @@ def nearest_square(vectors: FloatArray, vector: FloatArray, most: float) -> floa
     """Return the least squared difference of an approach from (n, 64) others, at most `most`."""
     least = most
     for i in range(len(vectors)):
-        least = min(least, _square(vectors[i], vector, least))
+        least = min(least, squared_difference(vectors[i], vector, least))
     return least
 
 
@@ -135,70 +157,9 @@ def nearest_square(vectors: FloatArray, vector: FloatArray, most: float) -> floa
 def is_near(vectors: FloatArray, vector: FloatArray, square: float) -> bool:
     """Return whether an approach's squared difference from any of (n, 64) others is smaller."""
     for i in range(len(vectors)):  # noqa: SIM110 - compiled code knows no generators
-        if _square(vectors[i], vector, square) < square:
+        if squared_difference(vectors[i], vector, square) < square:
             return True
     return False
-
-
-@njit()
-def alike_before(
-    vectors: FloatArray, vector: FloatArray, most: float, rows: IntArray, squares: FloatArray
-) -> int:
-    """Return how many of (n, 64) approaches have states that differ by less than `most`, in m².
-
-    Fill `rows` with the numbers of these approaches and `squares` with the squared differences. The
-    road can only add to a difference, so the other approaches are not near, whatever the place.
-    """
-    count = 0
-    for i in range(len(vectors)):
-        square = 0.0
-        for k in range(SIZE - 1, ROAD_SIZE - 1, -1):
-            change = vectors[i, k] - vector[k]
-            square += change * change
-            if square >= most:
-                break
-        if square < most:
-            rows[count] = i
-            squares[count] = square
-            count += 1
-    return count
-
-
-@njit()
-def is_near_at(
-    vectors: FloatArray,
-    rows: IntArray,
-    squares: FloatArray,
-    table: FloatArray,
-    ds: float,
-    place: float,
-    most: float,
-) -> bool:
-    """Return what `is_near` would after `lay_road`, for the rows that `alike_before` has filled.
-
-    Points of the road are laid only until all approaches are told apart.
-    """
-    x0, y0, cosine, sine, _ = frame_at(table, ds, place)
-    left, sums = rows.copy(), squares.copy()
-    count = len(left)
-    for i in range(_POINTS - 1, -1, -1):
-        x, y, _, _, _ = frame_at(table, ds, place - BEHIND + i * SPACING)
-        ahead = ((x - x0) * cosine + (y - y0) * sine) * _POINT_SCALE
-        aside = ((y - y0) * cosine - (x - x0) * sine) * _POINT_SCALE
-        near = 0
-        for k in range(count):
-            change = vectors[left[k], 2 * i + 1] - aside
-            square = sums[k] + change * change
-            change = vectors[left[k], 2 * i] - ahead
-            square += change * change
-            if square < most:
-                left[near] = left[k]
-                sums[near] = square
-                near += 1
-        count = near
-        if count == 0:
-            return False
-    return True
 
 
 @njit()
@@ -208,4 +169,4 @@ def lower_squares(
     """Lower (n,) squared differences on a side to the difference from another approach, if less."""
     for i in range(len(squares)):
         if sides[i] == side:
-            squares[i] = min(squares[i], _square(vectors[i], vector, squares[i]))
+            squares[i] = min(squares[i], squared_difference(vectors[i], vector, squares[i]))

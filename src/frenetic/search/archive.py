@@ -2,21 +2,21 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from frenetic._support.arrays import FloatArray
+from frenetic._support.arrays import FloatArray, with_room
 from frenetic.oracle.outcome import Outcome
 from frenetic.road.geometry import build_table, sub_steps
 from frenetic.search.approach import (
     SIZE,
     as_vector,
     lower_squares,
-    nearest_square,
     road_around,
     states_before,
 )
+from frenetic.search.known_failures import Known, KnownFailures, nearest_known_square
 
 if TYPE_CHECKING:
     import numpy.typing as npt
@@ -69,8 +69,7 @@ class Archive:
         self._places = np.zeros(64, dtype=_PLACE)
         self._vectors = np.empty((64, SIZE))
         self._squares = np.empty(64)
-        self._failures = [np.empty((64, SIZE)) for _ in (LEFT, RIGHT, NEITHER)]
-        self._counts = [0, 0, 0]  # of failures by side
+        self._failures = [KnownFailures() for _ in (LEFT, RIGHT, NEITHER)]
         self._expected: dict[int, tuple[int, FloatArray]] = {}  # side and approach by candidate
 
     def __len__(self) -> int:
@@ -91,18 +90,10 @@ class Archive:
         """Square of each place's difference from the nearest known failure, (n,) up to `FAR`²."""
         return self._squares[: len(self)]
 
-    def failures(self, side: int) -> FloatArray:
-        """Approaches of the known failures on a side, then of the expected ones, (n, 64) in m.
-
-        The array is a view, which holds until something is added.
-        """
-        end = self._counts[side]
-        for other, vector in self._expected.values():
-            if other == side:
-                self._failures[side] = _with_room(self._failures[side], end)
-                self._failures[side][end] = vector
-                end += 1
-        return self._failures[side][:end]
+    def failures(self, side: int) -> Known:
+        """Return the known failures on a side, then the expected ones; valid until `add`."""
+        expected = [vector for other, vector in self._expected.values() if other == side]
+        return self._failures[side].known(expected)
 
     def expect(self, candidate: int, side: int, vector: FloatArray) -> None:
         """Count a candidate, by its id, as failing on a side, until it is settled."""
@@ -115,33 +106,24 @@ class Archive:
     @property
     def has_failures(self) -> bool:
         """Whether a failure is known."""
-        return any(self._counts)
+        return any(self._failures)
 
     def add(self, candidate: Candidate, place: Place) -> float:
         """Add a place; return its difference from the failures known before, up to `FAR` m."""
         side, vector = place.side, place.vector
-        known = self._failures[side][: self._counts[side]]
-        square = nearest_square(known, vector, FAR * FAR)
+        square = nearest_known_square(self._failures[side].known(), vector, FAR * FAR)
         if place.has_failed:
-            last = self._counts[side]
-            self._failures[side] = _with_room(self._failures[side], last)
-            self._failures[side][last] = vector
-            self._counts[side] = last + 1
+            self._failures[side].add(vector)
             lower_squares(self.squares, self.places["side"], self.vectors, side, vector)
         row = len(self)
-        self._places = _with_room(self._places, row)
-        self._vectors = _with_room(self._vectors, row)
-        self._squares = _with_room(self._squares, row)
+        self._places = with_room(self._places, row)
+        self._vectors = with_room(self._vectors, row)
+        self._squares = with_room(self._squares, row)
         self._places[row] = (*place[:4], 0.0)
         self._vectors[row] = vector
         self._squares[row] = square
         self.candidates.append(candidate)
         return float(np.sqrt(square))
-
-
-def _with_room(rows: npt.NDArray[Any], used: int) -> npt.NDArray[Any]:
-    """Return the rows, with more room if all are used."""
-    return rows if used < len(rows) else np.concatenate((rows, np.empty_like(rows)))
 
 
 def critical_places(evaluation: Evaluation, candidate: Candidate, severity: float) -> list[Place]:

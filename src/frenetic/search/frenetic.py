@@ -22,6 +22,7 @@ from frenetic.search.archive import LEFT, RIGHT, Archive, critical_places
 from frenetic.search.conditions import CONDITIONS, changed, drawn, inherited
 from frenetic.search.earlier_roads import EarlierRoads
 from frenetic.search.failing import FailureModel
+from frenetic.search.known_failures import NOTHING
 from frenetic.search.operator_choice import OperatorChoice
 from frenetic.search.operators import MIN_VALUES
 from frenetic.search.parents import ParentPool
@@ -419,7 +420,7 @@ class Frenetic(Strategy):
         known = archive.failures(side), archive.failures(opposite)
         # A class's bends look much alike: without a failure, what is out forbids too many.
         if self.road_class is not None and not archive.has_failures:
-            known = known[0][:0], known[1][:0]
+            known = NOTHING, NOTHING
         expected = np.empty(SIZE)
         first = 0
         while first < draws:

@@ -8,8 +8,8 @@ from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 
-from frenetic.search.approach import nearest_square
 from frenetic.search.archive import FAR, Archive, Place, critical_places
+from frenetic.search.known_failures import nearest_known_square
 from frenetic.search.records import Candidate, Evaluation
 
 # All values are ours.
@@ -51,7 +51,7 @@ def promise_of(
     if not place.has_failed:
         return min(-place.severity, -0.0), place
     known = archive.failures(place.side)
-    return math.sqrt(nearest_square(known, place.vector, FAR * FAR)), place
+    return math.sqrt(nearest_known_square(known, place.vector, FAR * FAR)), place
 
 
 class ForesightTrial:

@@ -16,16 +16,21 @@ from frenetic._support.arrays import FloatArray
 from frenetic._support.compiled import njit
 from frenetic.road.conforming import conform
 from frenetic.search.approach import (
+    AHEAD,
     BEHIND,
+    POINTS_BEHIND,
     ROAD_SIZE,
+    SPACING,
     STATE_SCALE,
     STATES,
-    alike_before,
-    is_near_at,
+    lay_points,
     lay_road,
+    points_along,
+    squared_difference,
     table_around,
 )
 from frenetic.search.elements import draw_elements
+from frenetic.search.known_failures import Known, near_failure
 from frenetic.search.operators import CURVATURE_BOUND
 from frenetic.search.speed_model import predict
 
@@ -77,6 +82,11 @@ AFTER = 1.0 / 3.0
 """Length of road after the place that a child with a fresh road keeps, per length before it."""
 WAYS = (0.0, -5.0, 5.0, 10.0, 15.0)
 """Ways from the parent's place to those where a child may fail, in m, the likeliest first."""
+_PLACES = tuple(POINTS_BEHIND + round((way - min(WAYS)) / SPACING) for way in WAYS)
+"""Numbers of the points at these places, of those from `BEHIND` before the first place on."""
+_POINTS = max(_PLACES) + round(AHEAD / SPACING) + 1
+"""Number of the points, to `AHEAD` after the last place."""
+_RECENT = 8  # failures that refused siblings of a child, which are compared with it first; ours
 _MIN_VALUES = 5  # of a child, ours
 
 
@@ -264,27 +274,32 @@ def _draw_fresh_ends(
 
 
 @njit()
-def _is_new(
-    failures: FloatArray,
+def _refusing_failure(
+    failures: Known,
     expected: FloatArray,
     square: float,
     table: FloatArray,
     ds: float,
     place: float,
-    rows: IntArray,
-    squares: FloatArray,
-) -> bool:
-    """Return whether the squared difference from each failure is at least `square`, in m².
+    recent: IntArray,
+) -> int:
+    """Return the number of a known failure that is nearer than `square`, in m², or -1.
 
-    The place may be at any of the `WAYS` from `place`. The contents of `rows` and `squares` are
-    overwritten.
+    The place may be at any of the `WAYS` from `place`. The failures in `recent` come first. The
+    road of `expected` is overwritten.
     """
-    count = alike_before(failures, expected, square, rows, squares)
-    if count > 0:
-        for way in WAYS:
-            if is_near_at(failures, rows[:count], squares[:count], table, ds, place + way, square):
-                return False
-    return True
+    points = points_along(table, ds, place + min(WAYS) - BEHIND, _POINTS)
+    for point in _PLACES:
+        lay_points(expected, points, point)
+        for row in recent:
+            if squared_difference(failures.vectors[row], expected, square) < square:
+                return int(row)
+    for point in _PLACES:
+        lay_points(expected, points, point)
+        near: int = near_failure(failures, expected, square)
+        if near >= 0:
+            return near
+    return -1
 
 
 @njit()
@@ -300,8 +315,8 @@ def draw_child(
     other_sites: IntArray,
     lengths: IntArray,
     limits: FloatArray,
-    known: FloatArray,
-    opposite: FloatArray,
+    known: Known,
+    opposite: Known,
     least: float,
     run_ups: FloatArray,
     weights: FloatArray,
@@ -328,8 +343,8 @@ def draw_child(
         other_sites: (k,) indices of the values before their places.
         lengths: (k,) usual numbers of values.
         limits: See `vary`.
-        known: (., 64) approaches of known failures on the parent's side, in m.
-        opposite: (., 64) approaches of known failures on the other side, for a mirrored child.
+        known: Known failures on the parent's side.
+        opposite: Known failures on the other side, for a mirrored child.
         least: m, least difference from these failures.
         run_ups: (k,) m of road before the place that a child keeps from its parent, and `AFTER`
             times as much behind it; the rest is drawn anew. 0: the child keeps all of it.
@@ -343,8 +358,8 @@ def draw_child(
     if len(weights):
         predict(weights, road, step, place - BEHIND, before)
     site = min(int(place / step), len(parent) - 1)
-    rows = np.empty(max(len(known), len(opposite)), np.int64)
-    squares = np.empty(len(rows))
+    # A failure that refused a sibling is likely to refuse the next child.
+    recent, refusals = np.empty(_RECENT, np.int64), 0
     for k in range(len(operators)):
         n, moved = vary(
             operators[k],
@@ -373,7 +388,12 @@ def draw_child(
                 expected[ROAD_SIZE + STATES + i] += (after[i] - before[i]) * STATE_SCALE
         table, ds, start = table_around(child[:n], step, there + min(WAYS), there + max(WAYS))
         there -= start
-        if _is_new(failures, expected, least * least, table, ds, there, rows, squares):
+        first = recent[: 0 if operators[k] == MIRROR else min(refusals, _RECENT)]
+        row = _refusing_failure(failures, expected, least * least, table, ds, there, first)
+        if row < 0:
             lay_road(expected, table, ds, there)
             return k, n, moved
+        if operators[k] != MIRROR:
+            recent[refusals % _RECENT] = row
+            refusals += 1
     return -1, 0, 0
