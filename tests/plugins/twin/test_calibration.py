@@ -17,19 +17,15 @@ from frenetic.export import export_campaign
 from frenetic.oracle.drive import Rules
 from frenetic.plugins.twin import calibration
 from frenetic.plugins.twin.calibration import (
-    UNFITTED,
     Recordings,
-    answer,
-    auc_of,
     calibrate,
     folds_of,
     read_recordings,
-    top_tenth,
-    verdict_of,
 )
-from frenetic.plugins.twin.fitting import difference
+from frenetic.plugins.twin.intervals import mean_difference
 from frenetic.plugins.twin.model import TwinModel
 from frenetic.plugins.twin.profile import PredictionFigures, TwinProfile
+from frenetic.plugins.twin.verdict import UNFITTED, answer, auc_of, top_tenth, verdict_of
 
 if TYPE_CHECKING:
     from command_line import Frenetic
@@ -54,7 +50,7 @@ class Raises:
 def quick_fits() -> Iterator[None]:
     """Fit from one start and validate on two folds, for speed."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(calibration, "STARTS", 0)
+        patch.setattr(calibration, "RANDOM_STARTS", 0)
         patch.setattr(calibration, "FOLDS", 2)
         yield
 
@@ -183,9 +179,9 @@ def test_figures_of_a_ranking_agree_with_counting() -> None:
 
 def test_a_difference_has_the_error_of_its_independent_groups() -> None:
     d = np.array([1.0, 1.0, -1.0, -1.0])
-    mean, error = difference(d, np.zeros(4), np.arange(4))
+    mean, error = mean_difference(d, np.zeros(4), np.arange(4))
     assert (mean, error) == pytest.approx((0.0, math.sqrt(4 / 3) / 2))
-    _, in_pairs = difference(d, np.zeros(4), np.array([0, 0, 1, 1]))
+    _, in_pairs = mean_difference(d, np.zeros(4), np.array([0, 0, 1, 1]))
     assert in_pairs == pytest.approx(1.0)
 
 
@@ -326,6 +322,11 @@ def test_a_damaged_table_names_its_row_and_the_place_in_it(
     with pytest.raises(FreneticError, match=message) as caught:
         read_recordings([table])
     assert str(caught.value).startswith(f"{table}, row 1")
+
+
+def test_a_calibration_without_recordings_is_refused() -> None:
+    with pytest.raises(FreneticError, match="there are no recordings"):
+        read_recordings([])
 
 
 def test_recordings_under_different_terms_are_not_mixed(

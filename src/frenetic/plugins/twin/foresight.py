@@ -1,7 +1,7 @@
-"""The search with foresight: a twin of the driver under test says what a road will bring.
+"""The search with foresight: a twin predicts how the driver under test will drive a road.
 
-The twin is a law and a car of the embedded simulator. It is fitted to the drives of the search
-itself, again and again, see `frenetic.plugins.twin.fitting`.
+The twin is a built-in driver (a law) with a car of the embedded simulator. It is fitted to the
+drives of the search itself, again and again, see `frenetic.plugins.twin.fitting`.
 """
 
 from __future__ import annotations
@@ -19,9 +19,10 @@ from frenetic.conditions.condition import SEED, condition_named
 from frenetic.errors import FreneticError
 from frenetic.parts.registry import STRATEGIES, hint
 from frenetic.parts.versions import SHORT
-from frenetic.plugins.twin.fitting import LEAST, Fit, RecordedDrive, drive_twin, on_grid
+from frenetic.plugins.twin.fitting import Fit, drive_twin
 from frenetic.plugins.twin.model import TwinModel
 from frenetic.plugins.twin.profile import TwinProfile
+from frenetic.plugins.twin.recorded_drive import MIN_POSITIONS, RecordedDrive, on_grid
 from frenetic.plugins.twin.recordings import RecordedTerms
 from frenetic.road import Road
 from frenetic.search import Frenetic
@@ -35,21 +36,22 @@ LAWS: Final = {
     "planner": ("lookahead_time=0.02:1.5", "lookahead_min=1:15"),
     "stanley": ("offset_gain=0.2:6", "softening=0.2:6"),
 }
-"""Driver -> the parameters of its steering that are fitted."""
+"""Driver -> the parameters of its steering that are fitted, with bounds of our choice."""
 SPEED: Final = ("lateral_acceleration=1.5:40", "braking=0.8:10", "speed_gain=0.3:6")
-"""Parameters of the driver's speed that are fitted."""
+"""Parameters of either driver's speed that are fitted, with bounds of our choice."""
 CAR: Final = (
     "vehicle.tyre_peak=0.4:1.5",
     "vehicle.steering_lag=0.02:0.6",
     "vehicle.steering_rate=0.15:2",
     "vehicle.engine_acceleration=1.5:12",
 )
-"""Parameters of the car that are fitted."""
+"""Parameters of the car that are fitted, with bounds of our choice."""
 
-_FIRST_FIT: Final = 20  # drives before the first fit
-_GROWTH: Final = 1.5  # growth of the number of drives from one fit to the next
-_FITTED: Final = 40  # drives that a fit looks at, half of them the last ones
-_HOPELESS: Final = 4.0  # times the least loss, with which a law is not fitted again
+# Our choice:
+_FIRST_FIT_DRIVES: Final = 20  # after which the first fit is made
+_DRIVES_GROWTH: Final = 1.5  # factor of the number of drives from one fit to the next
+_DRIVES_OF_FIT: Final = 40  # that a fit looks at, half of them the latest ones
+_HOPELESS_LOSS_RATIO: Final = 4.0  # to the least loss, above which a model is not fitted again
 
 
 def foresight(
@@ -59,10 +61,10 @@ def foresight(
 
     Args:
         spec: spec of the campaign.
-        profile: file of a twin's profile, which foresees from the start; what it says to be fitted
-            is fitted on. By default the laws of `LAWS` are.
-        vehicle: name of their car, one of `CARS`; by default that with the simulator's name, if
-            there is one.
+        profile: file of a twin's profile; this twin foresees from the start, and the fit of its
+            parameters continues. By default the drivers of `LAWS` are fitted from their defaults.
+        vehicle: name of the car of the drivers of `LAWS`, one of `CARS`; by default the car that
+            has the simulator's name, if there is one.
         options: options of `Frenetic`.
 
     Raises:
@@ -80,18 +82,14 @@ def foresight(
         simulator = spec.part("simulator").name
         if vehicle is None and simulator in CARS:
             vehicle = simulator
-        fit = {law: [*SPEED, *steering, *CAR] for law, steering in LAWS.items()}
-        car = {} if vehicle is None else {"name": vehicle}
-        models = [TwinModel.of(law, names, vehicle=car) for law, names in fit.items()]
+        models = _built_in_models(vehicle)
     else:
         twin_profile = TwinProfile.read(profile)
-        profile_terms, search_terms = (
-            _recorded_terms(source) for source in (twin_profile.spec(), spec)
-        )
-        if differing := profile_terms.differences(search_terms):
+        profile_terms, search_terms = _terms_of(twin_profile.spec()), _terms_of(spec)
+        if differences := profile_terms.differences(search_terms):
             raise FreneticError(
-                f"{profile} is the profile of a twin for other terms ({differing}): give the search"
-                " the same, or calibrate a twin for them"
+                f"{profile} is the profile of a twin for other terms ({differences}): give the"
+                " search the same, or calibrate a twin for them"
             )
         models = [TwinModel.of_profile(twin_profile)]
         twin_options["profile"] = f"{profile} (SHA-256 {twin_profile.digest()[:SHORT]})"
@@ -108,7 +106,16 @@ def foresight(
     return ForesightSearch(twin, twin_options, **search_options)
 
 
-def _recorded_terms(spec: Spec) -> RecordedTerms:
+def _built_in_models(vehicle: str | None) -> list[TwinModel]:
+    """Return the models of `LAWS`, with a car by its name; None for the default car."""
+    car = {} if vehicle is None else {"name": vehicle}
+    return [
+        TwinModel.of(law, [*SPEED, *steering, *CAR], vehicle=car) for law, steering in LAWS.items()
+    ]
+
+
+def _terms_of(spec: Spec) -> RecordedTerms:
+    """Return the terms of a spec's drives."""
     return RecordedTerms.of(spec.terms, rules_in(spec.conditions, spec.rules))
 
 
@@ -117,27 +124,27 @@ class ForesightSearch(Frenetic):
 
     Args:
         twin: the twin that foresees.
-        made_with: what the twin was made with, for a campaign's record.
+        twin_options: options that the twin was made with, for a campaign's record.
         options: options of `Frenetic`.
     """
 
     BEHAVIOUR: ClassVar[int] = 100 * Frenetic.BEHAVIOUR + 1
-    """Raised when its proposals change; campaigns record it."""
+    """Version of the behaviour; it is raised when proposals change, here or in `Frenetic`."""
 
-    def __init__(self, twin: OnlineTwin, made_with: Mapping[str, Any], **options: Any) -> None:
+    def __init__(self, twin: OnlineTwin, twin_options: Mapping[str, Any], **options: Any) -> None:
         super().__init__(foresight=twin, **options)
-        self.options |= made_with
+        self.options |= twin_options
 
 
 class OnlineTwin:
     """A twin that is fitted while it foresees, see `frenetic.search.prediction.Foresight`.
 
-    Of some models, each a law and a car, the one that follows the drives best foresees.
+    Several models, each a driver and a car, are fitted. The model of least loss foresees.
 
     Args:
-        models: with the parameters that are fitted; without any, a model stays as it is.
-        spec: of the search, whose rules, lanes, road class and objective are the twin's.
-        is_ready: whether the first model foresees before anything was fitted.
+        models: models with the parameters that are fitted; one without parameters stays as it is.
+        spec: spec of the search; its rules, lanes, road class and objective hold for the twin.
+        is_ready: whether the first model foresees before the first fit.
 
     Raises:
         FreneticError: a model's driver is not compiled.
@@ -147,29 +154,33 @@ class OnlineTwin:
         self._fits = [Fit(model, rules_in(spec.conditions, spec.rules)) for model in models]
         self._spec = spec
         self._objective = Objective.load(spec.named_objective)
-        self._places = [
-            np.array([parameter.place for parameter in model.parameters]) for model in models
+        # Of each model, before the first fit:
+        self._unit_values = [
+            np.array([parameter.unit_start for parameter in model.parameters]) for model in models
         ]
         self._losses = [math.inf] * len(models)
-        self._best = 0
-        self._drives: list[tuple[Candidate, FloatArray]] = []
-        self._next_fit = _FIRST_FIT
+        self._best = 0  # number of the model that foresees
+        self._drives: list[tuple[Candidate, FloatArray]] = []  # with states every `GRID` m
+        self._next_fit = _FIRST_FIT_DRIVES  # number of drives
         self.is_ready = is_ready
-        """Whether it can tell what the driver will do."""
-        parts = [fit.parts(places) for fit, places in zip(self._fits, self._places, strict=True)]
+        """Whether the twin can predict drives."""
+        parts = [
+            fit.parts(unit_values)
+            for fit, unit_values in zip(self._fits, self._unit_values, strict=True)
+        ]
         for model, (driver, simulator) in zip(models, parts, strict=True):
             if not simulator.drives_compiled(driver):
                 raise FreneticError(
                     f"{model.driver} is no driver for a twin that drives thousands of"
-                    " roads: choose one of ours, such as planner or stanley"
+                    " roads: choose a built-in one, such as planner or stanley"
                 )
-        self._parts = parts[0]  # the best model's
+        self._parts = parts[0]  # of the model that foresees
         self._variable = capabilities(self._parts[1]).variable
 
     # Foreseeing
 
     def foresee(self, candidate: Candidate) -> Evaluation | None:
-        """Return the twin's evaluation of a candidate; None if it comes to no end on its road."""
+        """Return the twin's evaluation of a candidate; None if it neither passes nor fails."""
         road = self._road(candidate)
         driver, simulator = self._parts
         drive = drive_twin(simulator, driver, road, self._conditions(candidate))
@@ -177,54 +188,63 @@ class OnlineTwin:
         return evaluation if evaluation.outcome.is_driven else None
 
     def facts(self) -> Mapping[str, Any]:
-        """Return the twin, and its loss in the last fit: 0 if it drives alike."""
+        """Return the driver and parameters of the twin, and its loss in the last fit.
+
+        A loss of 0 means that the twin drives as the driver under test does.
+        """
         loss, model = self._losses[self._best], self._fits[self._best].model
-        values = model.values(self._places[self._best].tolist())
-        words = [f"{name.partition('.')[2]} {value:.3g}" for name, value in values.items()]
-        facts = {"twin": ", ".join([model.driver, *words])}
+        values = model.values(self._unit_values[self._best].tolist())
+        parameters = [f"{name.partition('.')[2]} {value:.3g}" for name, value in values.items()]
+        facts = {"twin": ", ".join([model.driver, *parameters])}
         return facts if math.isinf(loss) else {**facts, "loss": float(f"{loss:.2g}")}
 
     # Learning
 
     def learn(self, candidate: Candidate, evaluation: Evaluation) -> None:
-        """Take a drive; fit now and then."""
+        """Keep a drive; fit the models after the 20th drive, the 30th, the 45th and so on."""
         trace = evaluation.trace
-        if trace is None or len(trace.distance) < 2 or not self._places[self._best].size:
+        has_parameters = self._unit_values[self._best].size > 0
+        if trace is None or len(trace.distance) < 2 or not has_parameters:
             return
         states = on_grid(trace.distance, trace.lateral_offset, trace.speed)
-        if states.shape[1] < LEAST:
+        if states.shape[1] < MIN_POSITIONS:
             return
         self._drives.append((candidate, states))
         if len(self._drives) == self._next_fit:
-            self._next_fit = math.ceil(_GROWTH * self._next_fit)
-            self._fit()
+            self._next_fit = math.ceil(_DRIVES_GROWTH * self._next_fit)
+            self._fit_models()
 
-    def _fit(self) -> None:
-        half = _FITTED // 2
-        earlier, last = self._drives[:-half], self._drives[-half:]
-        rows = np.linspace(0, len(earlier) - 1, min(half, len(earlier))).astype(int)
-        drives = [
+    def _fit_models(self) -> None:
+        """Fit the models that are not hopeless, and choose the one of least loss."""
+        drives = self._drives_to_fit()
+        max_loss = _HOPELESS_LOSS_RATIO * min(self._losses)
+        for number, loss in enumerate(self._losses):
+            if loss <= max_loss:
+                fitted = self._fits[number].run(self._unit_values[number], drives)
+                self._losses[number], self._unit_values[number] = fitted
+        self._best = int(np.argmin(self._losses))
+        self._parts = self._fits[self._best].parts(self._unit_values[self._best])
+        self.is_ready = True
+
+    def _drives_to_fit(self) -> list[RecordedDrive]:
+        """Return the latest drives, and as many that are evenly spread over the earlier ones."""
+        half = _DRIVES_OF_FIT // 2
+        earlier, latest = self._drives[:-half], self._drives[-half:]
+        spread = np.linspace(0, len(earlier) - 1, min(half, len(earlier))).astype(int)
+        return [
             RecordedDrive(
                 road=self._road(candidate), states=states, conditions=self._conditions(candidate)
             )
-            for candidate, states in (*(earlier[row] for row in rows.tolist()), *last)
+            for candidate, states in (*(earlier[i] for i in spread.tolist()), *latest)
         ]
-        hopeless = _HOPELESS * min(self._losses)
-        for number, loss in enumerate(self._losses):
-            if loss <= hopeless:
-                fitted = self._fits[number].fitted(self._places[number], drives)
-                self._losses[number], self._places[number] = fitted
-        self._best = int(np.argmin(self._losses))
-        self._parts = self._fits[self._best].parts(self._places[self._best])
-        self.is_ready = True
 
-    # Parts
+    # Roads and conditions of candidates
 
     def _road(self, candidate: Candidate) -> Road:
         return candidate.road(self._spec.terms.lane_width, road_class=self._spec.road_class)
 
     def _conditions(self, candidate: Candidate) -> Mapping[str, int | float]:
-        """A candidate's conditions, as far as they are the car's and the embedded simulator's."""
+        """Return the conditions of a candidate that the embedded simulator applies to its car."""
         return {
             name: value
             for name, value in candidate.conditions.items()

@@ -1,8 +1,8 @@
 """The profile of a twin: a driver and a car of the embedded simulator that drive as others do.
 
-`frenetic calibrate` writes it, `--as` reads how it drives, like a failing road's file. It is one
-JSON file, which may come from anywhere, so everything in it is validated. It names parts; reading
-it makes and imports none.
+`frenetic calibrate` writes a profile, and `--as` reads its driver and simulator as from a failing
+road's file. A profile is one JSON file, which may come from anywhere, so everything in it is
+validated. It names parts; reading it makes and imports none of them.
 """
 
 from __future__ import annotations
@@ -24,42 +24,46 @@ from frenetic.spec import SIGNED, USUAL, Spec
 
 
 class ProfileRecord(Struct, frozen=True, forbid_unknown_fields=True):
-    """An object of a profile; an entry that it does not know is a mistake."""
+    """An object in a profile; an unknown entry is an error."""
 
 
 class Fitted(ProfileRecord, frozen=True, kw_only=True):
     """A fitted parameter."""
 
     name: str
-    """Such as ``driver.braking``, ``vehicle.friction`` or ``condition.delay``."""
+    """Full name, such as ``driver.braking``, ``vehicle.friction`` or ``condition.delay``."""
     value: float
+    """Fitted value."""
     low: float
     """Lower bound of the fit."""
     high: float
     """Upper bound of the fit."""
     from_: float = msgspec.field(name="from")
-    """Lower end of the interval in which the data leave it."""
+    """Lower end of the interval of values that follow the drives as well as the fitted value."""
     to: float
-    """Upper end of that interval."""
+    """Upper end of the interval."""
     is_determined: bool
-    """Whether the data determine it."""
+    """Whether the drives determine the value: the interval is narrow and within the bounds."""
     at_bound: bool
-    """Whether that interval ends at one of its bounds, so that the bound decides."""
+    """Whether the interval ends at exactly one of the bounds, so that the bound decides."""
 
 
 class PredictionFigures(ProfileRecord, frozen=True, kw_only=True):
-    """How well a ranking of roads follows recorded drives; None where the data cannot say."""
+    """How well a ranking of roads follows recorded drives; None where the drives cannot say.
+
+    The last three are None for a ranking without drives of a twin.
+    """
 
     auc: float | None = None
     """Chance that a drive that failed ranks above one that passed."""
     top_tenth: float | None = None
-    """Share of failures in the tenth of the roads that rank first, over that in all."""
+    """Lift of the top tenth: failures' share among the roads that rank first, over that in all."""
     twin_failures: Index | None = None
     """Number of drives in which the twin fails."""
     agreement: float | None = None
-    """Share of equal outcomes."""
+    """Share of roads on which twin and record have the same outcome, 0..1."""
     offset_error: float | None = None
-    """Median over drives of the median absolute error of the lateral offset, in m."""
+    """Median over drives of the median absolute difference of the lateral offset, in m."""
 
 
 class Validation(ProfileRecord, frozen=True, kw_only=True):
@@ -68,23 +72,23 @@ class Validation(ProfileRecord, frozen=True, kw_only=True):
     drives: Index
     """Number of recorded drives."""
     failures: Index
-    """Number of them that failed."""
+    """Number of recorded drives that failed."""
     by: Literal["run", "road"]
-    """What was held out as a whole."""
+    """Whether all drives of a run were held out together, or all drives of a road."""
     twin: PredictionFigures
-    """On drives that its parameters have not seen."""
+    """Figures on drives that the twin was not fitted to."""
     baselines: dict[str, PredictionFigures]
-    """Name -> figures on the same folds."""
+    """Name of a baseline -> its figures."""
     verdict: Literal["good", "fair", "poor", "unknown"]
-    """Whether it is good enough to start from."""
+    """Whether the twin is good enough to start a search from."""
     reason: str
-    """Why, in a sentence."""
+    """Reason for the verdict, in a sentence."""
 
 
 class TwinProfile(ProfileRecord, frozen=True, kw_only=True):
     """A twin: a driver and a car that drive, in the embedded simulator, as others do.
 
-    Only its name and how it drives are needed; what a fit says about itself may be missing.
+    Only ``name`` and ``driven`` are needed: a profile may be written without a fit.
     """
 
     version: Literal[1] = 1
@@ -94,10 +98,10 @@ class TwinProfile(ProfileRecord, frozen=True, kw_only=True):
     driven: dict[str, Any]
     """Driver, car, conditions and rules, as `frenetic.spec.Spec.driving_spec` gives them."""
     lane_width: Positive = LANE_WIDTH
-    """m."""
+    """Width of a lane, in m."""
     fitted: list[Fitted] = []
     recordings: list[str] = []
-    """Files and folders that it was fitted on."""
+    """Files and folders of the drives that the twin was fitted to."""
     validation: Validation | None = None
 
     @classmethod
@@ -105,9 +109,9 @@ class TwinProfile(ProfileRecord, frozen=True, kw_only=True):
         """Return the profile of a twin with the parts, rules, map and lanes of a spec.
 
         Args:
-            name: for people.
-            spec: names driver and simulator.
-            about: other fields.
+            name: name for people.
+            spec: spec that names driver and simulator.
+            about: other fields of the profile.
         """
         driven = Spec.of(USUAL, spec).driving_spec().signed_in(Path.cwd()).entries()
         return cls(name=name, driven=driven, lane_width=spec.terms.lane_width, **about)
@@ -117,19 +121,20 @@ class TwinProfile(ProfileRecord, frozen=True, kw_only=True):
         """Return the profile in a file.
 
         Raises:
-            FreneticError: there is none; the message names the file and the place in it.
+            FreneticError: the file cannot be read or holds no profile; the message names the file
+                and the entry.
         """
-        Spec.read_driven(path)  # there is a file of a sane size that says how roads are driven
+        Spec.read_driven(path)  # raises a plain error if the file is missing or no profile
         try:
             return read_json(read_bounded(Path(path)), cls)
         except ValueError as error:
             raise FreneticError(f"{path} is no profile of a twin: {error}") from None
 
     def write(self, path: Path | str) -> None:
-        """Write the profile; the file is replaced whole.
+        """Write the profile; a file that is there is replaced at once, as a whole.
 
         Raises:
-            FreneticError: it cannot be written.
+            FreneticError: the file cannot be written.
         """
         text = msgspec.json.format(msgspec.json.encode(self), indent=2).decode() + "\n"
         write_file(path, text, remedy="choose another place", parents=True)
@@ -138,18 +143,19 @@ class TwinProfile(ProfileRecord, frozen=True, kw_only=True):
         """Return the spec of the twin: driver, conditions, car, rules, map and lane width.
 
         Raises:
-            FreneticError: it is out of range, or the driver is code that is not loaded unasked
-                (`frenetic.parts.trust`).
+            FreneticError: an entry is out of range, or the driver is code that its user has not
+                trusted (`frenetic.parts.trust`).
         """
         source = f"the profile {self.name!r}"
         twin = Spec.of_driven(self.driven, source=source)
         folder = twin.require_trusted(source, optional=())
+        # Files are named relative to the folder in which the profile was made.
         kinds = () if is_here(folder) else named_code(twin.parts)
         twin = twin.with_files_in(dict.fromkeys(kinds, folder))
         return Spec.of(twin, {"lane_width": self.lane_width})
 
     def digest(self) -> str:
-        """A digest of all but its user's signature."""
+        """Return the SHA-256 digest of the profile without its user's signature."""
         driven = {name: value for name, value in self.driven.items() if name != SIGNED}
         data = msgspec.json.encode(msgspec.structs.replace(self, driven=driven))
         return hashlib.sha256(data).hexdigest()

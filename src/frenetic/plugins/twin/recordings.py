@@ -1,7 +1,7 @@
-"""Recorded drives to calibrate on: campaigns, test files of the competition, tables.
+"""Recorded drives to calibrate on: campaigns, test files of the competition, and tables.
 
 A folder is a campaign, a folder of campaigns, or a folder of test files (JSON, one drive each). A
-file is a table: JSON Lines, a row per drive. A row has the entries of a test file;
+file is a table (JSON Lines, one drive a row). A row of a table has the entries of a test file;
 docs/calibrating.md lists them.
 """
 
@@ -26,7 +26,12 @@ from frenetic.errors import FreneticError, RoadError
 from frenetic.oracle.drive import Rules
 from frenetic.oracle.outcome import Outcome
 from frenetic.oracle.verdict import assess
-from frenetic.plugins.twin.fitting import LEAST, RecordedDrive, on_grid, states_of
+from frenetic.plugins.twin.recorded_drive import (
+    MIN_POSITIONS,
+    RecordedDrive,
+    on_grid,
+    states_of,
+)
 from frenetic.road import LANE_WIDTH, Road
 from frenetic.road.files import RoadEntries, RoadFile
 from frenetic.search.records import Trace
@@ -34,15 +39,16 @@ from frenetic.spec import Spec
 from frenetic.spec.terms import Terms
 
 TABLE: Final = ".jsonl"
-"""How the name of a table ends."""
+"""Ending of a table's file name."""
 
 
 class RecordedTerms(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """The terms of recorded drives."""
+    """The terms under which drives were recorded."""
 
     speed_limit: Positive = 70.0
     """Speed limit, in km/h."""
     oob_tolerance: Share = 0.95
+    """Share of the car's box outside the ego lane beyond which a drive failed."""
     lane_width: Positive = LANE_WIDTH
     """Width of a lane, in m."""
     map_size: Positive = 200.0
@@ -72,33 +78,37 @@ class RecordedTerms(Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
 
     @property
     def spec(self) -> Spec:
-        """Spec with these terms; the usual speed limit lets a road's own hold."""
-        is_usual = self.speed_limit == Rules().speed_limit
-        entries = structs.asdict(self) | ({"speed_limit": None} if is_usual else {})
+        """Spec with these terms.
+
+        It leaves out the default speed limit, so that the speed limits of a road hold.
+        """
+        entries = structs.asdict(self)
+        if self.speed_limit == Rules().speed_limit:
+            entries["speed_limit"] = None
         return Spec(**entries)
 
     def differences(self, other: RecordedTerms) -> str:
-        """Return how other terms differ, as text; empty if they do not."""
-        ours, others = structs.asdict(self), structs.asdict(other)
+        """Return how these terms differ from others, as text; empty if they are the same."""
+        other_values = structs.asdict(other)
         return "; ".join(
-            f"{name.replace('_', ' ')} {value:g}, not {others[name]:g}"
-            for name, value in ours.items()
-            if value != others[name]
+            f"{name.replace('_', ' ')} {value:g}, not {other_values[name]:g}"
+            for name, value in structs.asdict(self).items()
+            if value != other_values[name]
         )
 
 
 @dataclass(frozen=True, eq=False)
 class Recordings:
-    """All recorded drives, driven under the same terms."""
+    """Recorded drives that were driven under the same terms."""
 
     drives: list[RecordedDrive]
     terms: RecordedTerms
     skipped: int
-    """Number of tests that were not driven to an end, or have no trajectory."""
+    """Number of tests left out: not driven to an end, or without a usable trajectory."""
 
     @property
     def runs(self) -> list[str]:
-        """Names of the runs, in order."""
+        """Names of the runs, in the order of their first drives."""
         return list(dict.fromkeys(drive.run for drive in self.drives))
 
 
@@ -108,73 +118,81 @@ def read_recordings(
     """Read recorded drives.
 
     Args:
-        places: files and folders.
-        stated_terms: terms that hold whatever a campaign says.
+        places: files and folders of recorded drives.
+        stated_terms: terms of all drives, in place of those that a campaign records.
 
     Raises:
-        FreneticError: a place cannot be read or is damaged, they hold no drive that passed or
-            failed, or they were driven under different terms.
+        FreneticError: a file or folder cannot be read or is damaged, one holds no drive that passed
+            or failed, or they were driven under different terms.
     """
-    drives: list[RecordedDrive | None] = []
-    known: dict[RecordedTerms, Path] = {}
+    tests: list[_Test] = []
+    place_of_terms: dict[RecordedTerms, Path] = {}
     for place in map(Path, require_list("places", places, "files and folders")):
-        before = len(drives)
-        for terms, more in _sources(place, stated_terms):
-            known.setdefault(terms, place)
-            drives += more
-        if not any(drives[before:]):
+        tests_of_place: list[_Test] = []
+        for terms, tests_of_source in _sources(place, stated_terms):
+            place_of_terms.setdefault(terms, place)
+            tests_of_place += tests_of_source
+        if not any(tests_of_place):
             raise FreneticError(f"{place} holds no drive that passed or failed with a trajectory")
-    if len(known) > 1:
-        (first_terms, first), (other, second), *_ = known.items()
+        tests += tests_of_place
+    if not place_of_terms:
+        raise FreneticError("there are no recordings: name a file or folder")
+    if len(place_of_terms) > 1:
+        (terms, place), (other_terms, other_place), *_ = place_of_terms.items()
         raise FreneticError(
-            f"{first} and {second} were driven under different terms"
-            f" ({first_terms.differences(other)}): calibrate them one by one, or say in a file"
+            f"{place} and {other_place} were driven under different terms"
+            f" ({terms.differences(other_terms)}): calibrate them one by one, or say in a file"
             " which hold for all"
         )
-    usable = [drive for drive in drives if drive is not None]
-    return Recordings(usable, next(iter(known)), len(drives) - len(usable))
+    drives = [drive for drive in tests if drive is not None]
+    return Recordings(drives, next(iter(place_of_terms)), len(tests) - len(drives))
 
 
-_Source: TypeAlias = tuple[RecordedTerms, list[RecordedDrive | None]]
+_Test: TypeAlias = RecordedDrive | None
+"""Drive of a recorded test; None if the test is of no use here."""
+_Source: TypeAlias = tuple[RecordedTerms, list[_Test]]
+"""Terms and tests of a table, of a folder of test files, or of a campaign."""
 
 
 def _sources(place: Path, stated_terms: RecordedTerms | None) -> Iterator[_Source]:
-    """Yield terms and drives of the table, test files or campaigns in a place."""
+    """Yield terms and tests of the table, test files or campaigns in a file or folder."""
     terms = stated_terms or RecordedTerms()
     if place.suffix == TABLE:
         lines = enumerate(_read(place).split(b"\n"), start=1)
         rows = [(line, f"{place}, row {i}", str(place)) for i, line in lines if line.strip()]
     else:
         files = sorted([*place.glob("*.json"), *place.glob("*/*.json")])
-        is_campaign = any(place.glob(f"**/{DATABASE}"))
+        is_campaign = any(place.glob(f"**/{DATABASE}"))  # which may hold JSON files, too
         rows = [] if is_campaign else [(_read(file), str(file), str(file.parent)) for file in files]
     if rows:
-        yield terms, [_drive_of(line, where, run, terms) for line, where, run in rows]
+        yield terms, [_drive_of(text, source, run, terms) for text, source, run in rows]
     else:
         for folder in find_campaigns(place):
             yield _campaign(folder, stated_terms)
 
 
 def _campaign(folder: Path, stated_terms: RecordedTerms | None) -> _Source:
-    drives: list[RecordedDrive | None] = []
+    """Return the terms and tests of a campaign."""
+    tests: list[_Test] = []
     with CampaignStore.open(folder) as store:
         setting = store.setting
         terms = stated_terms or RecordedTerms.of(setting, setting.rules_in({}))
         for test in store.tests(with_trajectory=True):
             drive = test.drive
             if not test.outcome.is_driven or drive is None:
-                drives.append(None)
+                tests.append(None)
                 continue
             states = states_of(drive, assess(test.road, drive, has_shares=False))
             road = replace(test.road, lane_width=terms.lane_width)
             if len(road.speed_limits):
                 road = replace(road, speed_limits=drive.rules.speed_limits_on(road))
-            drives.append(_recorded(road, states, test.outcome, str(folder)))
-    return terms, drives
+            tests.append(_recorded(road, states, test.outcome, str(folder)))
+    return terms, tests
 
 
 def _recorded(road: Road, states: FloatArray, outcome: Outcome, run: str) -> RecordedDrive | None:
-    if states.shape[1] < LEAST:
+    """Return a recorded drive; None if it is too short to be compared."""
+    if states.shape[1] < MIN_POSITIONS:
         return None
     return RecordedDrive(road=road, states=states, failed=outcome is Outcome.FAIL, run=run)
 
@@ -193,54 +211,60 @@ Vector: TypeAlias = Annotated[list[Finite], Meta(min_length=2)]
 
 
 class RecordedCourse(Struct):
-    """A trajectory as columns."""
+    """A trajectory as columns of equal length: times in s, places on the map in m."""
 
     time: list[Finite]
     x: list[Finite]
     y: list[Finite]
     speed: list[Finite] = []
-    """m/s; worked out where it is unknown."""
+    """Speeds in m/s; without them they follow from times and places."""
 
 
 class ExecutionRecord(Struct, array_like=True):
-    """Beginning of a record of the competition."""
+    """The first values of a record of the competition; further ones are not read."""
 
     timer: Finite
+    """Time, in s."""
     pos: Vector
+    """Place on the map, in m."""
     dir: Vector
+    """Unit vector of the heading."""
     vel: Vector
+    """Velocity, in m/s."""
 
 
 class Row(RoadEntries):
-    """The entries that describe a road and its drive."""
+    """A test file, or a row of a table: entries that describe a road and its drive."""
 
     outcome: Outcome | None = None
     test_outcome: Outcome | None = None
     """Outcome in the competition's files."""
     run: str = ""
+    """Name of a run within the file or folder."""
     trajectory: RecordedCourse | None = None
     execution_data: tuple[ExecutionRecord, ...] = ()
 
 
-def _drive_of(text: bytes, where: str, run: str, terms: RecordedTerms) -> RecordedDrive | None:
+def _drive_of(text: bytes, source: str, run: str, terms: RecordedTerms) -> RecordedDrive | None:
     """Return the drive of a test file or row; None if it has no end, or no trajectory.
 
     Args:
-        text: the file or row.
-        where: name of its place, for messages.
-        run: name of the run of all drives there.
+        text: the file or row, as JSON.
+        source: name of the file, with the number of the row, for messages.
+        run: name of the run of all drives in the file or folder.
         terms: terms of the recording.
     """
     try:
         row = read_json(text, Row)
     except ValueError as error:
-        raise FreneticError(f"{where} says no drive: {error}") from None
+        raise FreneticError(f"{source} says no drive: {error}") from None
     outcome = row.outcome or row.test_outcome
     if outcome is None:
-        raise FreneticError(f"{where} has no outcome: PASS or FAIL is needed")
+        raise FreneticError(f"{source} has no outcome: PASS or FAIL is needed")
     course = row.trajectory
     if records := row.execution_data:
         x, y = ([record.pos[i] for record in records] for i in (0, 1))
+        # The speed along the car; it is negative if the car rolls backwards.
         speed = [
             record.vel[0] * record.dir[0] + record.vel[1] * record.dir[1] for record in records
         ]
@@ -249,23 +273,28 @@ def _drive_of(text: bytes, where: str, run: str, terms: RecordedTerms) -> Record
         return None
     row.lane_width = terms.lane_width
     try:
-        road = RoadFile(Path(where), row).road()
+        road = RoadFile(Path(source), row).road()
     except RoadError as error:
         raise FreneticError(str(error)) from None
-    along = Trace.along(road, *_path(course, where))
-    states = on_grid(along.distance, along.lateral_offset, along.speed)
+    trace = Trace.along(road, *_path(course, source))
+    states = on_grid(trace.distance, trace.lateral_offset, trace.speed)
     return _recorded(road, states, outcome, f"{run}, {row.run}" if row.run else run)
 
 
-def _path(course: RecordedCourse, where: str) -> tuple[FloatArray, FloatArray]:
-    """Return places (n, 2) and speeds (n,) of a trajectory."""
+def _path(course: RecordedCourse, source: str) -> tuple[FloatArray, FloatArray]:
+    """Return places on the map in m, (n, 2), and speeds in m/s, (n,), of a trajectory.
+
+    Raises:
+        FreneticError: the columns differ in length or are too short, or speeds are missing and the
+            times do not grow.
+    """
     n = len(course.time)
     if n < 2 or {len(course.x), len(course.y)} != {n} or len(course.speed) not in (0, n):
-        raise FreneticError(f"{where}: its trajectory needs as many times as places, two or more")
+        raise FreneticError(f"{source}: its trajectory needs as many times as places, two or more")
     time, path = np.array(course.time), np.column_stack((course.x, course.y))
     if course.speed:
         return path, np.array(course.speed)
     if not (np.diff(time) > 0.0).all():
-        raise FreneticError(f"{where}: the times of its trajectory do not grow")
-    gone = np.concatenate(([0.0], np.cumsum(np.hypot(*np.diff(path, axis=0).T))))
-    return path, np.gradient(gone, time)
+        raise FreneticError(f"{source}: the times of its trajectory do not grow")
+    distance = np.concatenate(([0.0], np.cumsum(np.hypot(*np.diff(path, axis=0).T))))
+    return path, np.gradient(distance, time)

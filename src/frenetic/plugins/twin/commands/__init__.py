@@ -1,1 +1,1 @@
-"""The commands of twins: calibrate."""
+"""The command of twins: ``frenetic calibrate``."""

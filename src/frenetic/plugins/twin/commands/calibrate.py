@@ -1,4 +1,4 @@
-"""The command that fits a twin to recorded drives: calibrate."""
+"""The command ``frenetic calibrate``, which fits a twin to recorded drives."""
 
 from __future__ import annotations
 
@@ -38,11 +38,11 @@ if TYPE_CHECKING:
 @click.option(
     "--vehicle",
     metavar="NAME",
-    help="The car to begin with, and its parameters: metadrive,mass=1500.",
+    help="The car with which the fit begins, and its parameters: metadrive,mass=1500.",
 )
 @file_option(
     "--out",
-    "Where the profile goes. [default: profile.json]",
+    "File for the profile. [default: profile.json]",
     type=click.Path(dir_okay=False),
 )
 @json_option
@@ -53,13 +53,14 @@ def calibrate(
     """Fit a twin to recorded drives: a driver and a car of the embedded simulator.
 
     A RECORDING is a campaign (of any simulator), a folder of campaigns, a folder of the
-    competition's test files, or a table of drives in JSON Lines. FILE.toml says what the options
-    say, recordings, and terms of their drives (speed_limit). Options given beside it win.
+    competition's test files, or a table of drives in JSON Lines. FILE.toml holds the options, the
+    recordings, and terms of their drives (speed_limit). Options beside it replace its entries.
 
     The twin is cross-validated: by run where there are several, else by road. The command says how
-    well it follows drives that it has not seen, whether it is good enough to start from, and which
-    parameters the data do not determine. The profile is for --as.
+    well the twin follows drives that it was not fitted to, whether it is good enough to start a
+    search from, and which parameters the drives do not determine. The profile is for --as.
     """
+    # Imported here: they take too long for --help.
     from msgspec import structs
 
     from frenetic.plugins.twin.calibration import CalibrationFile, answer, read_recordings
@@ -69,10 +70,10 @@ def calibrate(
     entries = CalibrationFile(recordings=recordings)
     if len(recordings) == 1 and recordings[0].endswith(".toml"):
         entries = read_entries(Path(recordings[0]), CalibrationFile, "a calibration")
-    stated = {name: value for name, value in options.items() if was_given(context, name)}
-    if "fit" in stated:
-        stated["fit"] = [text for several in stated["fit"] for text in several.split(",")]
-    entries = structs.replace(entries, **stated)
+    given_options = {name: value for name, value in options.items() if was_given(context, name)}
+    if "fit" in given_options:
+        given_options["fit"] = [name for text in given_options["fit"] for name in text.split(",")]
+    entries = structs.replace(entries, **given_options)
     out = Path(entries.out)
     if out.suffix.lower() != ".json":
         raise click.UsageError(f"{out}: a profile's name ends with .json")
@@ -96,13 +97,13 @@ def calibrate(
     if as_json:
         echo(out.read_text(encoding="utf-8"), nl=False)
         return
-    _print(profile)
+    _print_tables(profile)
     echo(answer(profile))
     echo(f"Profile:     {out}")
     echo(f"Use it:      frenetic run --as {shell(out)}")
 
 
-def _print(profile: TwinProfile) -> None:
+def _print_tables(profile: TwinProfile) -> None:
     """Print the parameters with their intervals, and the figures beside the baselines' figures."""
     print_table(
         ("parameter", ">fitted", ">from", ">to", ">bounds", "the data"),
@@ -118,16 +119,18 @@ def _print(profile: TwinProfile) -> None:
         ],
     )
     assert profile.validation is not None
-    ranked = {"twin": profile.validation.twin, **profile.validation.baselines}
+    rankings = {"twin": profile.validation.twin, **profile.validation.baselines}
     print_table(
         ("ranking", ">AUC", ">top tenth", ">same outcome", ">offset error"),
-        [(name, *_cells(figures)) for name, figures in ranked.items()],
+        [(name, *_cells(figures)) for name, figures in rankings.items()],
     )
 
 
 def _cells(figures: PredictionFigures) -> tuple[str | None, ...]:
-    def text(value: float | None, form: str) -> str | None:
-        return None if value is None else form.format(value)
+    """Return a ranking's cells of the table of figures; None for an unknown figure."""
+
+    def text(value: float | None, pattern: str) -> str | None:
+        return None if value is None else pattern.format(value)
 
     return (
         signed(figures.auc),

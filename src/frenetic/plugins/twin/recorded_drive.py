@@ -1,0 +1,96 @@
+"""Drives that a twin is to follow: their offset and speed at fixed positions along the road."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import Final, TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+
+from frenetic._support.arrays import FloatArray
+from frenetic.oracle.drive import Drive
+from frenetic.oracle.verdict import Assessment
+from frenetic.road import Road
+
+IntArray: TypeAlias = npt.NDArray[np.int64]
+
+GRID: Final = 2.0
+"""Distance along the road between two positions at which drives are compared, in m."""
+MIN_POSITIONS: Final = 4
+"""Fewest positions of a drive that can be compared; our choice."""
+_STRESSED_POSITIONS: Final = 15  # up to the largest offset: 30 m, our choice
+_MIN_RUNS: Final = 5  # with which runs count as independent, rather than roads; our choice
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class RecordedDrive:
+    """A drive that a twin is to follow."""
+
+    road: Road
+    states: FloatArray
+    """Offsets left of the ego lane's centre in m and speeds in m/s every `GRID`, (2, n)."""
+    conditions: Mapping[str, int | float] = field(default_factory=dict)
+    failed: bool = False
+    run: str = ""
+    """Name of the run that drove it, such as one campaign."""
+
+    def until(self, offset: float) -> RecordedDrive:
+        """Return the drive up to the first position where the car is further off than this, in m.
+
+        At least `MIN_POSITIONS` positions stay.
+        """
+        beyond = np.flatnonzero(np.abs(self.states[0]) > offset)
+        end = max(int(beyond[0]) + 1, MIN_POSITIONS) if len(beyond) else None
+        return replace(self, states=self.states[:, :end])
+
+    @cached_property
+    def weight_roots(self) -> FloatArray:
+        """Square roots of the positions' weights, (n,); they multiply differences.
+
+        Half of the weight is the same at all positions. The other half lies on the 15 positions
+        that end with the largest offset, or on fewer where the drive begins later. The weights of
+        offset and speed together add up to 1.
+        """
+        n = self.states.shape[1]
+        end = int(np.argmax(np.abs(self.states[0]))) + 1
+        twice_weights = np.full(n, 1.0 / n)
+        twice_weights[max(end - _STRESSED_POSITIONS, 0) : end] += 1.0 / min(
+            end, _STRESSED_POSITIONS
+        )
+        roots: FloatArray = np.sqrt(0.25 * twice_weights)
+        return roots
+
+
+def on_grid(distance: FloatArray, offset: FloatArray, speed: FloatArray) -> FloatArray:
+    """Return offset and speed every `GRID` m from the road's start, (2, n)."""
+    # Where the car went backwards, only records of a new furthest distance count.
+    furthest = np.maximum.accumulate(distance)
+    is_new = np.concatenate(([True], np.diff(furthest) > 0.0))
+    positions = GRID * np.arange(math.floor(furthest[-1] / GRID) + 1)
+    return np.array(
+        [np.interp(positions, furthest[is_new], column[is_new]) for column in (offset, speed)]
+    )
+
+
+def states_of(drive: Drive, assessment: Assessment) -> FloatArray:
+    """Return offset and speed every `GRID` m of a drive that was assessed, (2, n)."""
+    return on_grid(
+        assessment.distance,
+        assessment.lateral_offset,
+        drive.trajectory.speed[: len(assessment.distance)],
+    )
+
+
+def thinned(drives: Sequence[RecordedDrive], count: int) -> Sequence[RecordedDrive]:
+    """Return evenly spaced drives: ``count`` to nearly twice as many, or all if they are fewer."""
+    return drives[:: max(len(drives) // count, 1)]
+
+
+def group_labels(drives: Sequence[RecordedDrive]) -> IntArray:
+    """Return each drive's independent group, (n,): its run, or the drive itself if runs are few."""
+    runs, labels = np.unique([drive.run for drive in drives], return_inverse=True)
+    return labels.astype(np.int64) if len(runs) >= _MIN_RUNS else np.arange(len(drives))
