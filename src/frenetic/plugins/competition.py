@@ -33,7 +33,7 @@ logger = logging.getLogger(__name__)
 
 COMMAND: Final = "FRENETIC_COMMAND"
 """Environment variable: the command ``frenetic``, if it is not on the path."""
-SEED: Final = "FRENETIC_SEED"
+SEED_VARIABLE: Final = "FRENETIC_SEED"
 """Environment variable: a whole number of at least 0."""
 OPTIONS: Final = "FRENETIC_STRATEGY_OPTIONS"
 """Environment variable: NAME=VALUE, several separated by blanks."""
@@ -85,7 +85,7 @@ class Generator:
             SystemExit: the executor ends the process when the budget is spent.
         """
         name = type(self).__name__
-        seed = os.environ.get(SEED, "").strip() or str(secrets.randbelow(2**31))
+        seed = os.environ.get(SEED_VARIABLE, "").strip() or str(secrets.randbelow(2**31))
         folder = Path("campaigns").absolute() / f"{datetime.now():%Y%m%d-%H%M%S-%f}"
         words = ["--seed", seed, "--out", str(folder)]
         words += ["--map-size", str(self._map_size), "--name", type(self._executor).__name__]

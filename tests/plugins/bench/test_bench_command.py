@@ -185,7 +185,7 @@ def test_a_resumed_bench_takes_no_other_options(frenetic: Frenetic) -> None:
         ["--generator", "a:B"],
     ):
         answer = frenetic("bench", "--resume", "--out", "b", *option)
-        assert answer.refuses(option[0], "goes on as it was begun"), answer
+        assert answer.refuses(option[0], "continues as it was begun"), answer
     assert frenetic("resume", "b/random/01").refuses("a run of a bench", "--resume --out")
     text = Path("b/bench.toml").read_text(encoding="utf-8")
     Path("b/bench.toml").write_text(text.replace("seed = 1", "seed = 2"), encoding="utf-8")

@@ -67,8 +67,8 @@ def test_a_generator_that_keeps_40_s_free_needs_tests_of_40_s_or_more(tmp_path: 
     (folder / "rigaa-sbft2023" / "src" / "models").mkdir()
     (folder / "rigaa-sbft2023" / "src" / "models" / "rl_model.zip").write_bytes(b"model")
     with pytest.raises(FreneticError, match="make a test cost 40 s or more"):
-        recipe.check(36.0)
-    recipe.check(40.0)
+        recipe.require_enough_seconds(36.0)
+    recipe.require_enough_seconds(40.0)
     bench = Bench(
         entrants=(recipe.entrant(folder),),
         terms=RunTerms(

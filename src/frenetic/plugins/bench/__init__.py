@@ -1,6 +1,6 @@
-"""Comparison of road generators, others' and our own, with repeats, on the same terms.
+"""Comparison of road generators and search strategies, with repeats, on the same terms.
 
-The names are imported on use, so that the help of its command comes at once.
+Names are imported on use: the modules would slow down ``frenetic bench --help``.
 """
 
 from __future__ import annotations

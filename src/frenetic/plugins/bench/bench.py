@@ -1,4 +1,4 @@
-"""Comparison of generators and strategies, with repeats, on the same terms."""
+"""A bench: generators and strategies that are compared, with repeats, on the same terms."""
 
 from __future__ import annotations
 
@@ -54,28 +54,35 @@ logger = logging.getLogger(__name__)
 BENCHES: Final = Path("benches")
 """Default parent of benches' folders."""
 RECORD: Final = "bench.json"
-"""Name of the file in a bench's folder that says what it was begun with."""
+"""Name of the file, in a bench's folder, that records the bench as it was begun."""
 LOCK: Final = "bench.lock"
+"""Name of the file, in a bench's folder, that the process which runs the bench locks."""
 FILE: Final = "bench.toml"
-"""Name of the file that repeats the bench, in its folder, see `frenetic.plugins.bench.file`."""
+"""Name of the file, in a bench's folder, with which `frenetic bench` repeats the bench."""
 
 OnProgress = Callable[[float, str], None]
-"""Called with the spent share 0..1 of all runs' budgets, and the numbers in words."""
+"""Function of the spent share of all runs' budgets, from 0 to 1, and of the counts in words."""
+_MAX_CHANGES_LENGTH: Final = 1000  # letters of a part's changes in an error
+_MAX_VALUE_LENGTH: Final = 200  # letters of an entry's value in an error
+_MAX_REASONS: Final = 3  # in the note about an entrant's endings
 
 
 @dataclass(frozen=True, kw_only=True)
 class Bench:
     """A bench: its entrants, terms, repeats and folder.
 
-    Run k of an entrant has the seed ``seed + k - 1``; so the runs with one number share it.
+    Run k of each entrant has the seed ``seed + k - 1``.
     """
 
     entrants: tuple[Entrant, ...]
     terms: RunTerms
+    """Terms of every run."""
     repeats: Count = 10
+    """Number of runs of each entrant."""
     seed: Index = 1
+    """Seed of the first run of each entrant."""
     folder: Path = field(default_factory=lambda: defaults.new_folder(BENCHES))
-    """Folder of the bench; a text is taken, too."""
+    """Folder of the bench, a `Path` or a text."""
     preset: Preset | None = None
     """Edition of the competition whose figures stand beside its results."""
 
@@ -85,22 +92,22 @@ class Bench:
         if not self.entrants:
             raise FreneticError("nobody takes part: name a generator or a strategy")
         object.__setattr__(self, "entrants", tuple(self.entrants))
-        folder_names(self.entrants)
+        folder_names(self.entrants)  # raises if two entrants have the same name
         for entrant in self.entrants:
-            if entrant.is_strategy:
+            if entrant.is_strategy:  # made once, so that wrong options are noticed at once
                 available = {"seed": self.seed, "map_size": self.terms.tester.terms.map_size}
                 STRATEGIES.make_from(entrant.spec, entrant.options, available)
 
     @property
     def runs(self) -> list[EntrantRun]:
-        """All runs; the first of every entrant come first, for early results of all."""
+        """All runs: the first runs of all entrants, then the second ones, and so on."""
         names = folder_names(self.entrants)
         return [
             EntrantRun(
                 entrant,
                 repeat,
-                self.seed + repeat - 1,
-                self.folder / names[entrant.name] / f"{repeat:02d}",
+                seed=self.seed + repeat - 1,
+                folder=self.folder / names[entrant.name] / f"{repeat:02d}",
             )
             for repeat in range(1, self.repeats + 1)
             for entrant in self.entrants
@@ -108,19 +115,19 @@ class Bench:
 
     @property
     def runs_text(self) -> str:
-        """Numbers of runs and of simulations of an entrant."""
+        """Text about each entrant's runs, such as "10 runs of 200 simulations"."""
         return f"{counted(self.repeats, 'run')} of {self.terms.simulations} simulations"
 
     @property
     def repeats_needed(self) -> int:
-        """Least repeats with which a difference between two entrants can be shown."""
+        """Fewest repeats with which a difference between two entrants can be shown."""
         return repeats_needed(len(self.entrants)) if len(self.entrants) > 1 else 1
 
     def states(self) -> list[RunState]:
-        """Return all runs with their results.
+        """Return all runs with their endings.
 
         Raises:
-            CampaignError: a run is damaged.
+            CampaignError: the campaign of a run is damaged.
         """
         return [RunState(run, ending_of(run.folder)) for run in self.runs]
 
@@ -134,23 +141,24 @@ class Bench:
         on_end: Callable[[RunState], None] = lambda _: None,
         on_interrupt: Callable[[], None] | None = None,
     ) -> list[RunState]:
-        """Complete all runs; return their states.
+        """Run all runs that are not complete; return the states of these runs.
 
-        Each generator is built once beforehand, so an unbuildable one is noticed at once.
+        Each generator is built once before the first run, so an error in it is noticed at once.
 
         Args:
-            resume: whether the folder holds this bench already, to be completed.
-            workers: runs at once.
+            resume: whether to complete the bench that the folder holds; else the folder must be
+                new or empty.
+            workers: number of runs at once.
             on_start: called before the first run.
-            on_progress: called now and then.
+            on_progress: called after each message of a run.
             on_end: called after each run.
             on_interrupt: called at the first Ctrl-C, after which no run begins.
 
         Raises:
             ValueError: ``workers`` is no whole number of at least 1.
-            FreneticError: the folder holds something else, another process uses it, a generator
-                cannot be built, the simulator does not start, or the folder is moved or deleted
-                meanwhile.
+            FreneticError: the folder is not empty, or holds another bench or none to resume;
+                another process uses it; a generator cannot be built; the simulator does not start;
+                or the folder is moved or deleted while the bench runs.
         """
         check({"workers": workers}, Bench.run)
         defaults.prepare(self.terms.tester.simulator)
@@ -178,30 +186,32 @@ class Bench:
         on_end: Callable[[RunState], None],
         on_interrupt: Callable[[], None] | None,
     ) -> list[RunState]:
+        """Run all runs that are not complete; return their states. See `run` for the arguments."""
         states = self.states()
         to_do = [state.run for state in states if state.ending is None]
-        done = len(states) - len(to_do)
-        progress: dict[Path, Summary] = {}
+        complete_before = len(states) - len(to_do)
+        summaries: dict[Path, Summary] = {}  # latest of each run's folder
         ends: dict[Path, RunState] = {}
-        events = run_all(to_do, self.terms, workers=workers, on_interrupt=on_interrupt)
-        with closing(events), closing(FolderInUse(self.folder)) as folder:
-            for run, event in events:
+        messages = run_all(to_do, self.terms, workers=workers, on_interrupt=on_interrupt)
+        with closing(messages), closing(FolderInUse(self.folder)) as folder:
+            for run, message in messages:
                 self._require_in_place(folder)
-                if isinstance(event, Summary):
-                    progress[run.folder] = event
+                if isinstance(message, Summary):
+                    summaries[run.folder] = message
                 else:
-                    ends[run.folder] = event
-                    on_end(event)
-                whole = done + len(ends)
-                begun = sum(p.budget_spent for f, p in progress.items() if f not in ends)
-                simulations = sum(summary.simulations for summary in progress.values())
-                failures = sum(summary.failures for summary in progress.values())
+                    ends[run.folder] = message
+                    on_end(message)
+                complete = complete_before + len(ends)
+                running = sum(s.budget_spent for f, s in summaries.items() if f not in ends)
+                simulations = sum(summary.simulations for summary in summaries.values())
+                failures = sum(summary.failures for summary in summaries.values())
                 on_progress(
-                    (whole + begun) / len(states),
-                    f"runs {whole} of {len(states)}, simulations {simulations},"
+                    (complete + running) / len(states),
+                    f"runs {complete} of {len(states)}, simulations {simulations},"
                     f" failures {failures}",
                 )
-                self._require_in_place(folder)  # before another run makes a part of it again
+                # Once more, as the next run would make a folder that was moved or deleted anew.
+                self._require_in_place(folder)
         return list(ends.values())
 
     def _require_in_place(self, folder: FolderInUse) -> None:
@@ -211,7 +221,7 @@ class Bench:
             FreneticError: the folder was moved or deleted.
         """
         if fate := folder.fate():
-            advice = "its complete runs stand there; go on with --resume there"
+            advice = "its complete runs are there; continue with --resume there"
             if "deleted" in fate:
                 advice = "its runs are gone; begin a new bench"
             raise FreneticError(f"{self.folder} {fate} while the bench ran: {advice}")
@@ -223,25 +233,27 @@ class Bench:
             FreneticError: no entrant has a complete run.
         """
         states = self.states()
-        groups: dict[str, list[Path]] = {entrant.name: [] for entrant in self.entrants}
+        folders_of: dict[str, list[Path]] = {entrant.name: [] for entrant in self.entrants}
         for state in states:
             if state.ending is not None:
-                groups[state.run.entrant.name].append(state.run.folder)
-        groups = {name: folders for name, folders in groups.items() if folders}
-        if len(groups) == 1:
-            measured = {n: tuple(map(measure_campaign, f)) for n, f in groups.items()}
-            comparison = compare_measured(measured)
+                folders_of[state.run.entrant.name].append(state.run.folder)
+        folders_of = {name: folders for name, folders in folders_of.items() if folders}
+        if len(folders_of) == 1:  # `compare` takes two groups or more
+            metrics = {
+                name: tuple(map(measure_campaign, folders)) for name, folders in folders_of.items()
+            }
+            comparison = compare_measured(metrics)
         else:
-            comparison = compare(groups)
+            comparison = compare(folders_of)
         return replace(comparison, notes=(*unusual_endings(states), *comparison.notes))
 
     @property
     def file(self) -> Path | None:
-        """File of the bench; None for parts without names, which came from Python."""
+        """File that repeats the bench; None if driver or simulator came from Python as objects."""
         return None if self.terms.tester.spec is None else self.folder / FILE
 
     def entries(self) -> dict[str, Any]:
-        """Return the entries of the bench's file; parts that have no names are left out."""
+        """Return the entries of the bench's file; a driver or simulator without a name has none."""
         terms, spec = self.terms, self.terms.tester.spec
         return {
             "generator": [entrant.word for entrant in self.entrants if not entrant.is_strategy],
@@ -259,6 +271,7 @@ class Bench:
         }
 
     def _record(self) -> dict[str, Any]:
+        """Return the record of what the bench was begun with, see `BenchRecord`."""
         tester = self.terms.tester
         return {
             "version": 3,
@@ -269,36 +282,48 @@ class Bench:
         }
 
     def _require_new_folder(self) -> None:
+        """Check that the folder does not exist, or holds nothing.
+
+        Raises:
+            FreneticError: something is in the folder's place.
+        """
         if os.path.lexists(self.folder) and (
             not self.folder.is_dir() or any(child.name != LOCK for child in self.folder.iterdir())
         ):
             raise FreneticError(
-                f"{self.folder} is not empty: choose another place, or go on with the bench in it"
+                f"{self.folder} is not empty: choose another place, or continue the bench in it"
             )
 
     def _require_same(self) -> None:
-        earlier, ours = read_record(self.folder), json.loads(json.dumps(self._record()))
+        """Check that the folder holds this bench.
+
+        Raises:
+            FreneticError: the folder holds another bench or none.
+        """
+        earlier, now = read_record(self.folder), json.loads(json.dumps(self._record()))
         for name, source in earlier.sources.items():
-            if ours["sources"].get(name) != source:
+            if now["sources"].get(name) != source:
                 raise FreneticError(
                     f"the source of {name} is not what the bench in {self.folder} was begun with:"
                     " restore it, or begin a new bench"
                 )
         for name in ("simulator", "driver"):
-            if changed := differences(name, getattr(earlier, name), ours[name]):
+            if changes := differences(name, getattr(earlier, name), now[name]):
                 raise FreneticError(
-                    f"{self.folder} holds a bench with another {name}: {'; '.join(changed)[:1000]};"
-                    " restore it, or begin a new bench"
+                    f"{self.folder} holds a bench with another {name}:"
+                    f" {'; '.join(changes)[:_MAX_CHANGES_LENGTH]}; restore it, or begin a new bench"
                 )
-        for name, value in [*ours["entries"].items(), ("rules", ours["rules"])]:
+        for name, value in [*now["entries"].items(), ("rules", now["rules"])]:
             earlier_value = earlier.rules if name == "rules" else earlier.entries.get(name)
             if earlier_value != value:
                 raise FreneticError(
                     f"{self.folder} holds a bench with another {name}:"
-                    f" {json.dumps(earlier_value)[:200]}, not {json.dumps(value)[:200]}"
+                    f" {json.dumps(earlier_value)[:_MAX_VALUE_LENGTH]},"
+                    f" not {json.dumps(value)[:_MAX_VALUE_LENGTH]}"
                 )
 
     def _write(self) -> None:
+        """Write the record of the bench, and the file that repeats it."""
         document = self._record() | {
             "created_at": datetime.now().astimezone().isoformat(timespec="seconds"),
             "versions": package_versions(),
@@ -310,7 +335,10 @@ class Bench:
             write_entries({**self.entries(), **self._signed()}, self.file, comment)
 
     def _signed(self) -> dict[str, Any]:
-        """Return the entry with its user's signature of the code in its file, if possible."""
+        """Return the file's entry with the user's signature of the code that the file names.
+
+        Empty if no code is named, or it cannot be signed; then a warning is logged.
+        """
         entries, tester = self.entries(), self.terms.tester
         assert tester.spec is not None
         others = entrant_parts(entries["generator"], entries["strategy"])
@@ -331,27 +359,35 @@ def unusual_endings(states: Sequence[RunState]) -> list[str]:
     lines = []
     for name, runs in runs_of.items():
         endings = [state.ending for state in runs if state.ending is not None]
-        reasons = Counter(str(ending) for ending in endings if str(ending) != End.OVER)
-        texts = [f"{count} of {len(runs)} runs {why}" for why, count in reasons.most_common(3)]
+        unusual = Counter(str(ending) for ending in endings if str(ending) != End.OVER)
+        texts = [
+            f"{count} of {len(runs)} runs {ending}"
+            for ending, count in unusual.most_common(_MAX_REASONS)
+        ]
         if texts:
             lines.append(f"{name}: {'; '.join(texts)}")
     return lines
 
 
 class BenchRecord(msgspec.Struct):
-    """What a bench was begun with, as far as going on needs it."""
+    """The part of a bench's record that is compared before the bench is resumed."""
 
     version: Literal[3]
-    """Version of the file's form."""
+    """Version of the record's format."""
     entries: dict[str, Any]
+    """Entries of the bench's file, see `Bench.entries`."""
     sources: dict[str, str | None]
+    """Name of an entrant -> digest of its source, see `Entrant.source`."""
     simulator: Any
+    """Description of the simulator."""
     driver: Any
+    """Description of the driver."""
     rules: Any
+    """Rules of the drives."""
 
 
 def read_record(folder: Path | str) -> BenchRecord:
-    """Return what the bench in a folder was begun with.
+    """Return the record of the bench in a folder.
 
     Raises:
         FreneticError: the folder holds no bench, or its record is damaged or of another version.
@@ -361,7 +397,7 @@ def read_record(folder: Path | str) -> BenchRecord:
         with open_file(path) as file:
             return read_json(file.read(), BenchRecord)
     except FileNotFoundError:
-        raise FreneticError(f"{folder} holds no bench: give the folder of one") from None
+        raise FreneticError(f"{folder} holds no bench: give the folder of a bench") from None
     except (OSError, ValueError) as error:
         raise FreneticError(
             f"{path} is damaged or of another version of frenetic ({error}): restore it from a"
@@ -370,6 +406,11 @@ def read_record(folder: Path | str) -> BenchRecord:
 
 
 def _locked(folder: Path) -> FileLock:
+    """Make the folder if need be, lock it, and return its lock.
+
+    Raises:
+        FreneticError: the folder cannot be made, or another process has locked it.
+    """
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:

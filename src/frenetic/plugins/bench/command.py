@@ -1,4 +1,7 @@
-"""The command that compares generators: bench."""
+"""The command ``frenetic bench``, which compares road generators.
+
+The bench's modules are imported in functions, since they would slow down ``--help``.
+"""
 
 from __future__ import annotations
 
@@ -46,9 +49,11 @@ if TYPE_CHECKING:
     from frenetic.plugins.bench import Bench, RunState
 
 _ENTRIES: Final = ("generator", "strategy", "simulations", "repeats", "seed", "preset")
-"""Options that are entries of a file, too, beside those that say how roads are driven."""
-_ALSO_TO_RESUME: Final = ("workers", "out", "resume", "is_trusted", "as_json")
-"""Options that say nothing of the bench itself."""
+"""Options that are entries of `frenetic.plugins.bench.file.BenchFile`."""
+_OPTIONS_WITH_RESUME: Final = ("workers", "out", "resume", "is_trusted", "as_json")
+"""Parameters that may be given with ``--resume``: they do not describe the bench."""
+_INTERRUPTED: Final = 130
+"""Exit code after Ctrl-C, as of shells."""
 
 
 @click.command()
@@ -57,9 +62,10 @@ _ALSO_TO_RESUME: Final = ("workers", "out", "resume", "is_trusted", "as_json")
     "--generator",
     multiple=True,
     metavar="GENERATOR",
-    help="A generator: package.module:Class, file.py:Class or one that --list lists. With options:"
-    " path=DIR of its modules, copy=DIR for each run to work in, pipeline=DIR of the competition's"
-    " modules if they are not around it, python=FILE to run it, name=N in tables. May be repeated.",
+    help="A generator: package.module:Class, file.py:Class or a name from --list. With options:"
+    " path=DIR of its modules, copy=DIR that is copied for each run, pipeline=DIR of the"
+    " competition's modules if they are not around it, python=FILE to run it, name=N in tables. May"
+    " be repeated.",
 )
 @click.option(
     "--strategy",
@@ -72,16 +78,18 @@ _ALSO_TO_RESUME: Final = ("workers", "out", "resume", "is_trusted", "as_json")
 @click.option(
     "--preset",
     metavar="EDITION",
-    help="Setting of a competition's edition, as far as we can have it, beside its published"
-    " figures: sbst2021 or sbft2023. FILE.toml and other options win.",
+    help="Setting of a competition's edition, as near as ours can be, with its published figures"
+    " beside the results: sbst2021 or sbft2023. FILE.toml and other options win.",
 )
 @count_option("--simulations", "Budget of each run, in drives. [default: 200]")
-@count_option("--repeats", "Runs of each. [default: 10]")
-@count_option("--seed", "Of the first run of each. [default: 1]", least=0)
+@count_option("--repeats", "Runs of each generator and strategy. [default: 10]")
+@count_option("--seed", "Seed of the first runs. [default: 1]", least=0)
 @part_options
 @entry_option("objective")
 @trust_option
-@click.option("--workers", type=WORKERS, metavar="N", help="Runs at once. [default: the cores]")
+@click.option(
+    "--workers", type=WORKERS, metavar="N", help="Runs at once. [default: as many as cores]"
+)
 @folder_option("Folder for the results. [default: a new one under benches/]")
 @click.option("--resume", is_flag=True, help="Complete the bench in --out.")
 @click.option("--list", "as_list", is_flag=True, help="List published generators.")
@@ -102,137 +110,167 @@ def bench(
     """Compare road generators on the same driver, with repeats.
 
     Generators of the SBST/SBFT competition's pipeline run unmodified, each run in its own process
-    and folder, beside our strategies. Every run is a campaign. FILE.toml says what the options say
-    and more, such as seconds_per_test, patience and speed_limit; bench.toml in every bench's folder
-    is one. Options given beside it win.
+    and folder, beside our strategies. Every run is a campaign. FILE.toml holds the options and
+    more, such as seconds_per_test, patience and speed_limit; bench.toml in every bench's folder is
+    such a file. Options beside it replace its entries.
     """
     if as_list:
         _list_recipes(as_json)
         return
-    if not resume:
-        the_bench, of_file = _begun(context, file, out)
-        _run_advised(the_bench, resume, workers or of_file, as_json)
-        return
+    if resume:
+        the_bench = _bench_to_resume(context, out, is_trusted)
+    else:
+        the_bench, workers_of_file = _new_bench(context, file, out)
+        workers = workers or workers_of_file
+    _run(the_bench, resume, workers, as_json)
+
+
+def _bench_to_resume(context: click.Context, out: Path | None, is_trusted: bool) -> Bench:
+    """Return the bench in a folder.
+
+    Raises:
+        click.UsageError: there is no folder, or an option that describes a bench.
+    """
     from frenetic.plugins.bench import open_bench
 
     if out is None:
         raise click.UsageError("--resume needs the folder of a bench: add --out DIR")
     for parameter in context.command.params:
         name = parameter.name or ""
-        if name not in _ALSO_TO_RESUME and was_given(context, name):
+        if name not in _OPTIONS_WITH_RESUME and was_given(context, name):
             raise click.UsageError(
-                f"{parameter.opts[0]} cannot be given here: the bench goes on as it was begun"
+                f"{parameter.opts[0]} cannot be given with --resume: the bench continues as it was"
+                " begun"
             )
-    begun = open_bench(out, is_trusted=is_trusted)
-    if (place := begun.terms.tester.folder) is not None and not is_here(place):
-        Log().print(f"Note: the code of {out} is loaded from {place}", markup=False)
-    _run_advised(begun, resume, workers, as_json)
+    the_bench = open_bench(out, is_trusted=is_trusted)
+    code_folder = the_bench.terms.tester.folder
+    if code_folder is not None and not is_here(code_folder):
+        Log().print(f"Note: the code of {out} is loaded from {code_folder}", markup=False)
+    return the_bench
 
 
-def _begun(context: click.Context, path: Path | None, out: Path | None) -> tuple[Bench, int | None]:
-    """Return the bench of a command line, and the workers that its file wants."""
+def _new_bench(
+    context: click.Context, path: Path | None, out: Path | None
+) -> tuple[Bench, int | None]:
+    """Return the bench of a command line, and the number of workers in its file.
+
+    Args:
+        context: context of the command, with its options.
+        path: file of the bench, whose entries hold where no option is given.
+        out: folder for the bench; by default a new one.
+    """
     from frenetic.campaign import new_folder
     from frenetic.plugins.bench.bench import BENCHES
     from frenetic.plugins.bench.file import read_bench
 
-    overrides = {n: context.params[n] for n in _ENTRIES if was_given(context, n)}
-    if {"generator", "strategy"} & overrides.keys():  # in the place of all that the file names
+    overrides = {name: context.params[name] for name in _ENTRIES if was_given(context, name)}
+    if {"generator", "strategy"} & overrides.keys():  # they replace all entrants of the file
         overrides |= {kind: context.params[kind] for kind in ("generator", "strategy")}
-    driving, here = CommandOptions.of(context), Path.cwd()
+    options, current_folder = CommandOptions.of(context), Path.cwd()
     spec, entries = read_bench(path, overrides.get("preset"))
     with as_usage_error():
         source = None if path is None else PartsSource(path, spec, entries.parts)
         entries = structs.replace(entries, **overrides)
-        is_named = path is None or "generator" in overrides
-        if is_named:
-            driving = replace(driving, others=entries.parts)
-        spec, folder = driving.trusted(
-            driving.over(spec, has_roads=False),
+        # Code that the user names here is trusted; code that a file names has to be.
+        are_named_here = path is None or "generator" in overrides
+        if are_named_here:
+            options = replace(options, others=entries.parts)
+        spec, code_folder = options.trusted(
+            options.over(spec, has_roads=False),
             source,
             left_out=("strategy",),
             others=entries.parts,
         )
-        place = here if is_named else folder
-        with chdir(place):
+        entrants_folder = current_folder if are_named_here else code_folder
+        with chdir(entrants_folder):
             entrants = entries.entrants()
-        if folder != place:
-            entrants = tuple(entrant.absolute(place) for entrant in entrants)
+        if code_folder != entrants_folder:
+            entrants = tuple(entrant.absolute(entrants_folder) for entrant in entrants)
         out = out or new_folder(BENCHES)
-        with chdir(folder):
+        with chdir(code_folder):
             return entries.bench(spec, out, entrants), entries.workers
 
 
-def _run_advised(the_bench: Bench, resume: bool, workers: int | None, as_json: bool) -> None:
-    """Run a bench; after Ctrl-C the command that goes on with it is printed."""
+def _run(the_bench: Bench, resume: bool, workers: int | None, as_json: bool) -> None:
+    """Run a bench and show its results; after Ctrl-C, print the command that continues it."""
     from frenetic.plugins.bench.bench import RECORD
 
+    log = Log()
     try:
-        _run(the_bench, resume, workers, as_json)
+        ends = _run_with_progress(the_bench, resume, workers, log)
+        _finish(the_bench, ends, log, as_json)
     except KeyboardInterrupt:
         if not (the_bench.folder / RECORD).is_file():
             raise  # nothing was begun
-        echo(f"frenetic: interrupted; go on: {_next_command(the_bench)}", err=True)
-        raise click.exceptions.Exit(130) from None
+        echo(f"frenetic: interrupted; go on: {_resume_command(the_bench)}", err=True)
+        raise click.exceptions.Exit(_INTERRUPTED) from None
 
 
-def _next_command(the_bench: Bench) -> str:
-    """Return the command that goes on with a bench."""
+def _resume_command(the_bench: Bench) -> str:
+    """Return the command that continues a bench."""
     return f"frenetic bench --resume --out {shell(the_bench.folder)}"
 
 
-def _run(the_bench: Bench, resume: bool, workers: int | None, as_json: bool) -> None:
+def _run_with_progress(
+    the_bench: Bench, resume: bool, workers: int | None, log: Log
+) -> list[RunState]:
+    """Run a bench with a line of its progress; return the states of the runs that it ran."""
     from frenetic.campaign.workers import available_cores
     from frenetic.simulators.capabilities import capabilities
 
-    log = Log()
-    again = _next_command(the_bench)
+    time_left = TimeLeft()
 
-    def ended(end: RunState) -> None:
+    def print_unusual_end(end: RunState) -> None:
         if end.ending is None or end.ending.end not in ("over", "returned"):
             log.print(f"{end.run.name}: {end.trouble or end.ending}", markup=False)
 
-    with announced_compilation(log) as compiled:
+    with announced_compilation(log) as compiled, live_line(log) as show:
 
-        def started() -> None:
+        def print_plan() -> None:
             compiled()
             _print_plan(the_bench, log, resume)
 
-        time_left = TimeLeft()
-
-        def progress(share: float, words: str) -> None:
-            text = words + time_left.words(share, 1.0)
+        def show_progress(share: float, counts: str) -> None:
+            text = counts + time_left.words(share, 1.0)
             show(share, lambda: text)
 
         usual = capabilities(the_bench.terms.tester.simulator).usual_workers
-        with live_line(log) as show:
-            try:
-                ends = the_bench.run(
-                    resume=resume,
-                    workers=workers or usual or available_cores(),
-                    on_start=started,
-                    on_progress=progress,
-                    on_end=ended,
-                    on_interrupt=log.stopping,
-                )
-            except KeyboardInterrupt:
-                echo(f"Go on: {again}", err=True)
-                raise
+        return the_bench.run(
+            resume=resume,
+            workers=workers or usual or available_cores(),
+            on_start=print_plan,
+            on_progress=show_progress,
+            on_end=print_unusual_end,
+            on_interrupt=log.stopping,
+        )
+
+
+def _finish(the_bench: Bench, ends: Sequence[RunState], log: Log, as_json: bool) -> None:
+    """Show a bench's results; exit with an error if runs are missing or nothing was driven.
+
+    Args:
+        the_bench: the bench.
+        ends: states of the runs that were run now.
+        log: log of the command.
+        as_json: whether the results are printed as JSON.
+    """
     states = the_bench.states()
     has_drives = _show_results(the_bench, states, log, as_json)
     if missing := sum(state.ending is None for state in states):
+        command = _resume_command(the_bench)
         if troubles := [f"{end.run.name}: {end.trouble}" for end in ends if end.trouble]:
             raise FreneticError(
                 f"{missing} of {len(states)} runs could not be completed ({troubles[0]}); try"
-                f" again: {again}"
+                f" again: {command}"
             )
-        echo(f"{missing} of {len(states)} runs are missing; go on: {again}", err=True)
-        raise click.exceptions.Exit(130)
+        echo(f"{missing} of {len(states)} runs are missing; go on: {command}", err=True)
+        raise click.exceptions.Exit(_INTERRUPTED)
     if not has_drives:
         raise click.exceptions.Exit(1)
 
 
 def _print_plan(the_bench: Bench, log: Log, resume: bool) -> None:
-    """Print which runs a bench makes, and warn of too few repeats when it begins."""
+    """Print which runs a bench makes; warn of too few repeats if it is new."""
     names = ", ".join(entrant.name for entrant in the_bench.entrants)
     log.print(
         f"{the_bench.runs_text} each of {names}, results in {the_bench.folder}",
@@ -248,12 +286,12 @@ def _print_plan(the_bench: Bench, log: Log, resume: bool) -> None:
 
 
 def _show_results(the_bench: Bench, states: Sequence[RunState], log: Log, as_json: bool) -> bool:
-    """Compares the entrants; prints and writes the comparison. Says whether a drive was judged."""
+    """Compare the entrants; print and write the comparison. Return whether a drive was judged."""
     from frenetic.plugins.bench.results import write_results
 
-    runs = {"runs": [state.as_json() for state in states]}
-    if all(state.ending is None for state in states):
-        echo(json.dumps(runs) if as_json else f"Results: {the_bench.folder}")
+    runs_entry = {"runs": [state.as_json() for state in states]}
+    if all(state.ending is None for state in states):  # nothing to compare yet
+        echo(json.dumps(runs_entry) if as_json else f"Results: {the_bench.folder}")
         return False
     with log.status("Comparing"):
         comparison = the_bench.comparison()
@@ -262,7 +300,7 @@ def _show_results(the_bench: Bench, states: Sequence[RunState], log: Log, as_jso
     with log.status("Writing the page"):
         page = write_results(the_bench, comparison)
     if as_json:
-        document = {**comparison_document(comparison), **runs}
+        document = {**comparison_document(comparison), **runs_entry}
         if the_bench.preset is not None:
             differences = the_bench.preset.differences(the_bench.entries())
             document["preset"] = {**to_builtins(the_bench.preset), "differs": differences}
@@ -272,7 +310,9 @@ def _show_results(the_bench: Bench, states: Sequence[RunState], log: Log, as_jso
         _print_published(the_bench, comparison)
         echo(f"Page:    {page}")
         echo(f"Results: {the_bench.folder}")
-    return any(r.simulations > r.counts.errors for g in comparison.groups.values() for r in g)
+    return any(
+        run.simulations > run.counts.errors for runs in comparison.groups.values() for run in runs
+    )
 
 
 def _print_published(the_bench: Bench, comparison: Comparison) -> None:
@@ -292,11 +332,12 @@ def _print_published(the_bench: Bench, comparison: Comparison) -> None:
     )
     for name, difference in preset.differences(the_bench.entries()).items():
         echo(f"Differs in {name}: {difference}")
-    for name, place in preset.sources.items():
-        echo(f"Source {name}: {place}")
+    for name, publication in preset.sources.items():
+        echo(f"Source {name}: {publication}")
 
 
 def _list_recipes(as_json: bool) -> None:
+    """Print the published generators."""
     from frenetic.plugins.bench import RECIPES
 
     if as_json:

@@ -16,49 +16,72 @@ from frenetic.errors import FreneticError
 from frenetic.parts.registry import STRATEGIES
 from frenetic.parts.trust import Parts
 
-PLACES = ("path", "copy", "pipeline", "python")
-"""Options of a generator."""
-_PIPELINE = ("code_pipeline/executors.py", "self_driving/simulation_data.py")
-"""Files by which the pipeline is known."""
-LONGEST_NAME = 60
-"""Letters of an entrant's name."""
+PATH_OPTIONS = ("path", "copy", "pipeline", "python")
+"""Options of a generator, all paths."""
+MAX_NAME_LENGTH = 60
+"""Most letters of an entrant's name; our choice."""
+_PIPELINE_FILES = ("code_pipeline/executors.py", "self_driving/simulation_data.py")
+"""Files by which a clone of the pipeline is recognised."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Entrant:
-    """A participant of a bench. Its paths may be texts, too; they become absolute."""
+    """A participant of a bench: a generator of the official pipeline, or a search strategy.
+
+    A generator may have ``path``, ``copy``, ``pipeline`` and ``python``, a strategy ``options``.
+    Paths may be given as texts; they become absolute.
+    """
 
     name: str
     """Name in tables and folders."""
     spec: str
-    """``package.module:Class`` or ``file.py:Class`` of a generator; a strategy also by its name."""
+    """``package.module:Class`` or ``file.py:Class``; of a strategy also its registered name."""
     is_strategy: bool = False
-    """Whether it is a search strategy of ours rather than a generator of the pipeline."""
+    """Whether the entrant is a search strategy rather than a generator."""
     path: Path | None = None
-    """Folder of a generator that is put on its module path."""
+    """Folder that is put on the generator's module path."""
     copy: Path | None = None
-    """Folder of which every run of a generator gets a copy as its working directory. A path or file
-    in it stands for its copy."""
+    """Folder of which each run gets a copy as the generator's working directory.
+
+    ``path`` and ``spec`` within this folder are taken from the copy.
+    """
     pipeline: Path | None = None
     """Folder with the pipeline's modules; by default the generator's folder or one around it."""
     python: Path | None = None
-    """The interpreter of a generator; by default the current one."""
+    """Interpreter of the generator; by default the current one."""
     options: Mapping[str, Any] = field(default_factory=dict)
-    """Options of a strategy."""
+    """Options of the strategy."""
 
     def __post_init__(self) -> None:
-        if not self.name.strip() or len(self.name) > LONGEST_NAME or not self.name.isprintable():
+        is_short = len(self.name) <= MAX_NAME_LENGTH
+        if not (self.name.strip() and is_short and self.name.isprintable()):
             raise FreneticError(
-                f"the name {self.name!r} cannot be used: 1 to {LONGEST_NAME} printable characters"
-                " are needed"
+                f"the name {self.name!r} cannot be used: 1 to {MAX_NAME_LENGTH} printable"
+                " characters are needed"
             )
         if self.is_strategy:
-            if any(getattr(self, name) is not None for name in PLACES):
-                places = " and no ".join(PLACES)
-                raise FreneticError(f"{self.name} is a strategy: it takes no {places}")
-            return
-        module, colon, kind = self.spec.rpartition(":")
-        if not (module and colon and kind.isidentifier()):
+            self._require_no_paths()
+        else:
+            self._resolve_generator()
+
+    def _require_no_paths(self) -> None:
+        """Check that a strategy has no options of a generator.
+
+        Raises:
+            FreneticError: the strategy has a path.
+        """
+        if any(getattr(self, name) is not None for name in PATH_OPTIONS):
+            names = " and no ".join(PATH_OPTIONS)
+            raise FreneticError(f"{self.name} is a strategy: it takes no {names}")
+
+    def _resolve_generator(self) -> None:
+        """Make the paths of a generator absolute.
+
+        Raises:
+            FreneticError: the spec names no class, a path does not exist, or there are options.
+        """
+        module, colon, class_name = self.spec.rpartition(":")
+        if not (module and colon and class_name.isidentifier()):
             raise FreneticError(
                 f"the generator {self.spec!r} is not package.module:Class or path/to/file.py:Class"
                 + ("" if colon else ": add the class, such as file.py:Class")
@@ -76,17 +99,17 @@ class Entrant:
                 raise FreneticError(f"{self.name}: there is no interpreter {str(self.python)!r}")
             # Not resolved: the interpreter of a virtual environment must stay a link.
             object.__setattr__(self, "python", Path(self.python).absolute())
-        place = self.path or self.copy or Path.cwd()
+        home = self.path or self.copy or Path.cwd()
         if module.endswith(".py"):
             file = Path(module).expanduser()
-            file = (file if file.is_file() else place / file).resolve()
-            object.__setattr__(self, "spec", f"{file}:{kind}")
+            file = (file if file.is_file() else home / file).resolve()
+            object.__setattr__(self, "spec", f"{file}:{class_name}")
         elif self.copy is None:
-            object.__setattr__(self, "path", place)
+            object.__setattr__(self, "path", home)
 
     @property
     def module(self) -> str:
-        """Module or file of a generator; a file as an absolute path."""
+        """Module of a generator, or the absolute path of its file."""
         return self.spec.rpartition(":")[0]
 
     @property
@@ -96,32 +119,35 @@ class Entrant:
 
     @property
     def own_pipeline(self) -> Path | None:
-        """Folder with a generator's modules of the pipeline; None if it has none of its own."""
+        """Folder of the pipeline's modules for a generator; None if it lies in no clone."""
         if self.pipeline is not None:
             return self.pipeline
-        place = self.path or self.copy or Path(self.module).parent
-        for folder in (place, *place.parents):
-            if all((folder / module).is_file() for module in _PIPELINE):
+        home = self.path or self.copy or Path(self.module).parent
+        for folder in (home, *home.parents):
+            if all((folder / file).is_file() for file in _PIPELINE_FILES):
                 return folder
         return None
 
     def as_json(self) -> dict[str, Any]:
         """Return the entrant as a JSON object."""
-        recorded: dict[str, Any] = msgspec.to_builtins(self, enc_hook=str)  # a path as a text
-        return recorded | {"source": self.source()}
+        fields: dict[str, Any] = msgspec.to_builtins(self, enc_hook=str)  # paths as texts
+        return fields | {"source": self.source()}
 
     @property
     def word(self) -> str:
-        """The entrant as on the command line."""
-        places = {name: getattr(self, name) for name in PLACES}
-        options = {name: str(path) for name, path in places.items() if path is not None}
+        """Text of the entrant as on the command line."""
+        paths = {name: getattr(self, name) for name in PATH_OPTIONS}
+        options = {name: str(path) for name, path in paths.items() if path is not None}
         return part_word(self.spec, {**options, **self.options, "name": self.name})
 
     def absolute(self, folder: Path) -> Entrant:
-        """Return the same, for use elsewhere, of one whose files go from a folder.
+        """Return the entrant with absolute paths of the user's own strategy.
+
+        Args:
+            folder: folder from which relative paths go.
 
         Raises:
-            FreneticError: it is a module, which has no path.
+            FreneticError: the strategy is in a module, which has no path.
         """
         if not (self.is_strategy and STRATEGIES.is_own(self.spec)):
             return self
@@ -129,43 +155,48 @@ class Entrant:
         return replace(self, spec=spec, options=options)
 
     def source(self) -> str | None:
-        """A digest of a generator's own file, None if that cannot be read."""
+        """Return the SHA-256 digest of a generator's own file.
+
+        None for a strategy, or if the file cannot be read.
+        """
         if self.is_strategy:
             return None
-        place = Path(self.module)
+        file = Path(self.module)
         if not self.module.endswith(".py"):
-            place = (self.path or self.copy or Path()).joinpath(*self.module.split("."))
-            place = place / "__init__.py" if place.is_dir() else place.with_suffix(".py")
+            module = (self.path or self.copy or Path()).joinpath(*self.module.split("."))
+            file = module / "__init__.py" if module.is_dir() else module.with_suffix(".py")
         try:
-            return hashlib.sha256(place.read_bytes()).hexdigest()
+            return hashlib.sha256(file.read_bytes()).hexdigest()
         except OSError:
             return None
 
 
 def entrant_parts(generator: Iterable[str], strategy: Iterable[str]) -> Parts:
-    """Kind and number -> name and options of entrants, for `frenetic.parts.trust`.
+    """Return the parts that entrants name, such as "generator 1" -> its name and options.
+
+    `frenetic.parts.trust` takes them.
 
     Args:
         generator: the generators as on the command line.
-        strategy: texts of the strategies.
+        strategy: the strategies as on the command line.
 
     Raises:
-        ValueError: a text says no entrant.
+        ValueError: a text has no form NAME,OPTION=VALUE.
     """
     parts = {}
     for kind, texts in (("generator", generator), ("strategy", strategy)):
         for number, text in enumerate(texts, 1):
             name, options = read_part(text)
-            options.pop("name", None)  # in tables
+            options.pop("name", None)  # it is for tables alone
             parts[f"{kind} {number}"] = name or "", options
     return parts
 
 
 def folder_names(entrants: Sequence[Entrant]) -> dict[str, str]:
-    """Name of each entrant -> name of its folder, valid on every file system.
+    """Return name of each entrant -> name of its folder, which every file system allows.
 
     Raises:
-        FreneticError: two have the same name.
+        FreneticError: two entrants have the same name.
     """
     folders: dict[str, str] = {}
     for entrant in entrants:

@@ -1,7 +1,7 @@
-"""A bench as a TOML file: what the options of `frenetic bench` say, and what only a file says.
+"""A bench as a TOML file: the options of `frenetic bench`, and entries that only a file has.
 
-Every bench whose driver and simulator have names keeps one beside its document, see `Bench.file`.
-It is a copy for people: an edited copy is another bench.
+Every bench whose driver and simulator have names keeps such a file beside its record, see
+`Bench.file`. The record decides what the bench is: an edited file is the file of another bench.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from frenetic.errors import FreneticError
 from frenetic.parts.registry import STRATEGIES, hint
 from frenetic.parts.trust import Parts
 from frenetic.plugins.bench.bench import FILE, Bench, read_record
-from frenetic.plugins.bench.entrants import PLACES, Entrant, entrant_parts
+from frenetic.plugins.bench.entrants import PATH_OPTIONS, Entrant, entrant_parts
 from frenetic.plugins.bench.presets import find_preset
 from frenetic.plugins.bench.recipes import find_recipe
 from frenetic.plugins.bench.runs import RunTerms
@@ -35,16 +35,17 @@ class BenchFile(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """The entries of a bench's file beside those that say how roads are driven."""
 
     generator: tuple[str, ...] = ()
-    """Generators as on the command line: ``"wiggly.py:Wiggly,name=Wiggly"``."""
+    """Generators as on the command line, such as ``"wiggly.py:Wiggly,name=Wiggly"``."""
     strategy: tuple[str, ...] = ()
-    """Strategies as on the command line; all built-in ones if the bench has no entrant."""
+    """Strategies as on the command line; all built-in ones if the file names no entrant."""
     simulations: Count = 200
     """Budget of each run, in drives."""
     seconds_per_test: Positive = 36.0
     """Virtual time that a drive costs, in s."""
     patience: Positive | str = "10m"
-    """Time after which a generator that asks for no test is ended."""
+    """Wall time after which a generator that asks for no test is ended, in s or as "10m"."""
     repeats: Count = 10
+    """Number of runs of each entrant."""
     seed: Index = 1
     """Seed of the first run of each entrant."""
     workers: Count | None = None
@@ -54,18 +55,18 @@ class BenchFile(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
 
     @property
     def parts(self) -> Parts:
-        """Entrants, as `frenetic.parts.trust` takes them.
+        """Entrants as `frenetic.parts.trust` takes them, see `entrant_parts`.
 
         Raises:
-            ValueError: a text names no entrant.
+            ValueError: a text has no form NAME,OPTION=VALUE.
         """
         return entrant_parts(self.generator, self.strategy)
 
     def entrants(self) -> tuple[Entrant, ...]:
-        """Return the entrants.
+        """Return the entrants of the file, or all built-in strategies if it names none.
 
         Raises:
-            ValueError: a text names no entrant, or has an unknown option.
+            ValueError: a text has no form NAME,OPTION=VALUE, or an unknown option.
             FreneticError: there is no such published generator, or its files are missing.
         """
         entrants = (*map(self._generator, self.generator), *map(_strategy, self.strategy))
@@ -74,13 +75,18 @@ class BenchFile(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     def bench(
         self, spec: Spec, folder: Path | str, entrants: tuple[Entrant, ...] | None = None
     ) -> Bench:
-        """Return the bench of a spec, in a folder; by default with the entrants of the file.
+        """Return the bench of this file.
+
+        Args:
+            spec: driver, simulator and terms of the drives.
+            folder: folder of the bench.
+            entrants: the entrants; by default those that the file names.
 
         Raises:
             ValueError: an entry has a value that is not allowed.
             FreneticError: a part cannot be made, or a value is out of range.
         """
-        # Generators know two lanes of 4 m and the competition's rules of roads alone.
+        # Generators know only the competition's roads: two lanes of 4 m, and no road class.
         terms = replace(spec.terms, lane_width=Terms().lane_width, road_class=None)
         return Bench(
             entrants=self.entrants() if entrants is None else entrants,
@@ -98,41 +104,50 @@ class BenchFile(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
         )
 
     def _generator(self, text: str) -> Entrant:
-        """Return a generator by its class, or a published one by its name."""
-        spec, options, name = _read(text)
-        if unknown := [option for option in options if option not in PLACES]:
+        """Return the generator of a text: one by its class, or a published one by its name."""
+        spec, options, name = _read_entrant(text)
+        if unknown := [option for option in options if option not in PATH_OPTIONS]:
             raise ValueError(
-                f"{spec} has no option {unknown[0]!r}: a generator takes {', '.join(PLACES)} and"
-                " name"
+                f"{spec} has no option {unknown[0]!r}: a generator takes"
+                f" {', '.join(PATH_OPTIONS)} and name"
             )
-        places: dict[str, Any] = {k: Path(str(v)).expanduser() for k, v in options.items()}
-        if set(spec) & set(":./\\"):
-            return Entrant(name=name or spec.rpartition(":")[2], spec=spec, **places)
+        paths: dict[str, Any] = {
+            option: Path(str(value)).expanduser() for option, value in options.items()
+        }
+        is_class = bool(set(spec) & set(":./\\"))
+        if is_class:
+            return Entrant(name=name or spec.rpartition(":")[2], spec=spec, **paths)
         recipe = find_recipe(spec)
-        if "path" not in places or {"copy", "pipeline"} & set(places):
+        if "path" not in paths or {"copy", "pipeline"} & set(paths):
             raise FreneticError(
                 f"{recipe.title} is a published generator: say where its files are, no more, as in"
                 f" {spec},path=FOLDER; the files come from {recipe.source}"
             )
-        recipe.check(self.seconds_per_test)
-        return recipe.entrant(places["path"], python=places.get("python"), name=name)
+        recipe.require_enough_seconds(self.seconds_per_test)
+        return recipe.entrant(paths["path"], python=paths.get("python"), name=name)
 
 
 def _strategy(text: str) -> Entrant:
-    spec, options, name = _read(text)
-    settings = [f"{key}={json.dumps(value)}" for key, value in options.items()]
-    usual = ",".join([spec.rpartition(":")[2], *settings])
-    return Entrant(name=name or usual, spec=spec, is_strategy=True, options=options)
+    """Return the strategy of a text; by default its name in tables holds its options, too."""
+    spec, options, name = _read_entrant(text)
+    settings = [f"{option}={json.dumps(value)}" for option, value in options.items()]
+    default_name = ",".join([spec.rpartition(":")[2], *settings])
+    return Entrant(name=name or default_name, spec=spec, is_strategy=True, options=options)
 
 
 def _built_in() -> Iterator[Entrant]:
+    """Yield the registered strategies that need no more than a seed and the map's size."""
     for entry in STRATEGIES.entries():
         if set(STRATEGIES.needs(STRATEGIES.load(entry.name))) <= {"seed", "map_size"}:
             yield Entrant(name=entry.name, spec=entry.name, is_strategy=True)
 
 
-def _read(text: str) -> tuple[str, dict[str, Any], str | None]:
-    """Return spec, options and name of an entrant."""
+def _read_entrant(text: str) -> tuple[str, dict[str, Any], str | None]:
+    """Return an entrant's spec, its options, and its name in tables if the text gives one.
+
+    Raises:
+        ValueError: the text has no form NAME,OPTION=VALUE.
+    """
     spec, options = read_part(text)
     if spec is None:
         raise ValueError(f"{text}: a name is needed before the options")
@@ -140,14 +155,16 @@ def _read(text: str) -> tuple[str, dict[str, Any], str | None]:
     return spec, options, None if name is None else str(name)
 
 
-_OWN: Final = frozenset(BenchFile.__struct_fields__)
-_OF_SPEC: Final = frozenset(
+_BENCH_ENTRIES: Final = frozenset(BenchFile.__struct_fields__)
+"""Entries of a bench's file that are fields of `BenchFile`."""
+_SPEC_ENTRIES: Final = frozenset(
     entry.encode_name
     for entry in structs.fields(Spec)
     if entry.name in {*DRIVING, "roads", "map_size", "objective", SIGNED}
 )
 """Entries of a bench's file that belong to its spec."""
-_USUAL: Final = {name: USUAL[name] for name in ("driver", "simulator")}
+_DEFAULT_PARTS: Final = {name: USUAL[name] for name in ("driver", "simulator")}
+"""Driver and simulator of a file that names none."""
 
 
 def read_bench(path: Path | None, preset: str | None = None) -> tuple[Spec, BenchFile]:
@@ -155,18 +172,18 @@ def read_bench(path: Path | None, preset: str | None = None) -> tuple[Spec, Benc
 
     Args:
         path: path of the file; None for the defaults alone.
-        preset: preset that holds below the file, in place of the one that the file names.
+        preset: name of a preset that replaces the file's preset; entries of the file win over it.
 
     Raises:
-        FreneticError: there is no such file or preset, or the file is wrong.
+        FreneticError: there is no such file or preset, or an entry is unknown or not allowed.
     """
     entries = {} if path is None else read_table(path, "a bench")
     preset = preset or entries.get("preset")
-    usual: Mapping[str, Any] = {}
+    preset_entries: Mapping[str, Any] = {}
     if preset is not None:
-        usual = {**find_preset(str(preset)).bench, "preset": preset}
+        preset_entries = {**find_preset(str(preset)).bench, "preset": preset}
     try:
-        return _split({**usual, **entries})
+        return _split({**preset_entries, **entries})
     except (ValueError, FreneticError) as error:
         if path is None:
             raise
@@ -177,35 +194,35 @@ def _split(entries: Mapping[str, Any]) -> tuple[Spec, BenchFile]:
     """Return the spec in the entries of a bench's file, and the other entries.
 
     Raises:
-        ValueError: an entry is unknown, of another kind or out of range.
+        ValueError: an entry is unknown, of a wrong type or out of range.
         FreneticError: there are no such roads, criteria or signals.
     """
-    bench_entries = {name: value for name, value in entries.items() if name in _OWN}
-    said = {name: value for name, value in entries.items() if name not in _OWN}
-    if unknown := [name for name in said if name not in _OF_SPEC]:
-        known = sorted(_OWN | _OF_SPEC)
+    bench_entries = {name: value for name, value in entries.items() if name in _BENCH_ENTRIES}
+    spec_entries = {name: value for name, value in entries.items() if name not in _BENCH_ENTRIES}
+    if unknown := [name for name in spec_entries if name not in _SPEC_ENTRIES]:
+        known = sorted(_BENCH_ENTRIES | _SPEC_ENTRIES)
         raise ValueError(f"there is no entry {unknown[0]!r}{hint(unknown[0], known)}")
-    spec = Spec.of(_USUAL, said)
-    signed = convert(said.get(SIGNED), Signed | None)
+    spec = Spec.of(_DEFAULT_PARTS, spec_entries)
+    signed = convert(spec_entries.get(SIGNED), Signed | None)
     return structs.replace(spec, signed=signed), convert(bench_entries, BenchFile)
 
 
 def open_bench(folder: Path | str, *, is_trusted: bool = False) -> Bench:
-    """Return the bench in a folder, by its file.
+    """Return the bench that the file in a bench's folder describes.
 
     Args:
         folder: folder of the bench.
-        is_trusted: whether its user trusts the code that it names, from now on.
+        is_trusted: whether the user trusts the code that the file names, from now on.
 
     Raises:
         FreneticError: the folder holds no bench, or a damaged one; the bench was begun from Python;
-            or it names code that is not loaded unasked (`frenetic.parts.trust`).
+            or the file names code that its user has not trusted (`frenetic.parts.trust`).
     """
     path = Path(folder) / FILE
     if "driver" not in read_record(folder).entries:
         raise FreneticError(
-            f"{folder} was begun from Python, so its driver and simulator have no names: go on"
-            " from Python"
+            f"{folder} was begun from Python, so its driver and simulator have no names: resume it"
+            " from Python, by Bench.run(resume=True)"
         )
     spec, entries = read_bench(path)
     try:

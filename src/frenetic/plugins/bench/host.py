@@ -1,14 +1,19 @@
 """The process in which `frenetic bench` runs a generator of the official pipeline: a script.
 
-It needs Python 3.9 and numpy alone and imports nothing of Frenetic, whose name a generator may have
-for a package of its own. A generator finds the pipeline's modules and an executor whose time is
-virtual. The modules come from the clone of the pipeline that holds the generator, which need
-shapely and matplotlib; for a lone file there are stand-ins.
+The script needs Python 3.9 or newer and numpy alone. It imports nothing of Frenetic, since a
+generator may have a package of that name. The generator gets the pipeline's modules and an executor
+with a virtual clock. The modules come from the clone of the pipeline that holds the generator, and
+need shapely and matplotlib; a lone file gets the stand-ins beside this script.
 
-The process and the bench send each other JSON objects, a line each. The bench sends the terms
-first, then an answer to each question, and ``{"over": true}`` when the budget is spent, asked or
-not. The process sends ``ready``; the questions ``test`` (execute this road), ``valid`` and
-``overlaps``; and at last ``end``. All that a generator prints goes to stderr.
+The process and the bench send each other JSON objects, a line each:
+
+- The bench sends the terms first (`frenetic.plugins.bench.runs.assignment`). Then it answers each
+  question, and sends ``{"over": true}`` when the budget is spent, even between two questions.
+- The process sends objects with a ``kind``: first ``ready``, or ``end`` if the generator cannot be
+  built; then the questions ``test`` (execute this road), ``valid`` and ``overlaps``; at last
+  ``end``.
+
+All that a generator prints goes to stderr.
 """
 
 from __future__ import annotations
@@ -39,57 +44,70 @@ import numpy as np
 
 ORPHANED = 3
 """Exit code when the bench is gone."""
-OVER = 123
+BUDGET_SPENT = 123
 """Exit code by which the pipeline ends a generator whose budget is spent."""
-MOST_POINTS = 10_000
+MAX_POINTS = 10_000
 """Most road points sent to the bench; a road of more than 500 is invalid anyway."""
 STAND_INS = Path(__file__).resolve().parent / "standins"
+"""Folder of modules that stand in for the pipeline's."""
 EXECUTORS = "code_pipeline.executors"
-"""The pipeline's module of that name."""
+"""Name of the pipeline's module with its executors."""
 
-_NAME = "hosted"  # of the executor in that module
-_ROUNDING = 1e-12  # share of the budget that rounding may leave
-_UNUSED = ("beamngpy", "cv2", "descartes", "tensorflow")
+_EXECUTOR_NAME = "hosted"  # under which our executor stands in that module
+_ROUNDING = 1e-12  # share of the budget that rounding errors may leave
+_UNUSED_PACKAGES = ("beamngpy", "cv2", "descartes", "tensorflow")
 
 
-class Unused(MetaPathFinder, Loader):
-    """Gives the pipeline what it imports to drive and draw, which nobody does here.
+class EmptyModules(MetaPathFinder, Loader):
+    """An import hook: empty modules in place of packages with which the pipeline drives and draws.
 
-    Every name of such a module is an empty class, and every name of that. Installed packages come
-    first.
+    The bench neither drives nor draws in this process, so they need not be installed. Every
+    attribute of an empty module is an empty class, and so is every attribute of such a class.
+    Installed packages come first.
     """
 
     def find_spec(self, name: str, *_: Any) -> ModuleSpec | None:
-        """Return a module's spec, None for all that is used."""
-        unused = name.partition(".")[0] in _UNUSED
-        return ModuleSpec(name, self, is_package=True) if unused else None
+        """Return the spec of a module of an unused package; None for any other module."""
+        is_unused = name.partition(".")[0] in _UNUSED_PACKAGES
+        return ModuleSpec(name, self, is_package=True) if is_unused else None
 
     def create_module(self, spec: ModuleSpec) -> ModuleType:
-        """Return the module."""
+        """Return an empty module."""
         module = ModuleType(spec.name)
         module.__getattr__ = _empty_class  # type: ignore[method-assign]
         return module
 
     def exec_module(self, module: ModuleType) -> None:
-        """Do nothing: it is whole."""
+        """Do nothing: an empty module has no code to run."""
 
 
-class _Empty(type):
+class _EmptyClassType(type):
+    """Type of classes whose every attribute is an empty class."""
+
     def __getattr__(cls, name: str) -> type:
         return _empty_class(name)
 
 
 def _empty_class(name: str) -> type:
-    if name.startswith("__"):  # what the import system asks for
+    """Return a class that takes any arguments and does nothing.
+
+    Raises:
+        AttributeError: the name is one of those that the import system looks for, such as
+            ``__path__``.
+    """
+    if name.startswith("__"):
         raise AttributeError(name)
-    return _Empty(name, (), {"__init__": lambda *_, **__: None})
+    return _EmptyClassType(name, (), {"__init__": lambda *_, **__: None})
 
 
 class BenchClient:
-    """The other end, and its count of the virtual time; this process ends when it has gone."""
+    """The connection to the bench, and the virtual clock; this process ends when the bench does.
+
+    The connection takes over stdin and stdout: what a generator prints goes to stderr instead.
+    """
 
     def __init__(self) -> None:
-        # Duplicates are not passed on to other programs.
+        # Other programs that the generator starts do not inherit the duplicates.
         self._incoming, self._outgoing = os.fdopen(os.dup(0), "rb"), os.fdopen(os.dup(1), "wb")
         nothing = os.open(os.devnull, os.O_RDONLY)
         os.dup2(nothing, 0)
@@ -103,33 +121,36 @@ class BenchClient:
         self._received: queue.SimpleQueue[Any] = queue.SimpleQueue()
         threading.Thread(target=self._read, daemon=True).start()
         self.lock = threading.RLock()
-        self._process = os.getpid()
+        """Lock for questions and tests: a generator may have threads."""
+        self._process_id = os.getpid()
         self.terms: dict[str, Any] = self._received.get()
+        """The bench's first message: generator, seed, budget and rules."""
         self.spent = 0.0
+        """Virtual time of the tests that were executed, in s."""
         self.is_over = False
-        self.since = time.monotonic()
-        """When the generator was last let go on."""
+        """Whether the bench has said that the budget is spent."""
+        self._clock_start = time.monotonic()
         self.running: tuple[Any, dict[str, Any]] | None = None
-        """The test that is being executed, and what the bench has answered."""
+        """The test that is being executed, and the bench's answer to it."""
 
     def __deepcopy__(self, memo: dict[int, Any]) -> BenchClient:
-        """Return itself: budgets are copied with it."""
+        """Return this client itself: a copied budget holds a method of it."""
         return self
 
     def remaining(self) -> float:
-        """Return virtual s, at least 0; a test is paid when it has been executed."""
+        """Return the virtual time left, in s; a test costs its time once it has been executed."""
         budget: float = self.terms["time_budget"]
         left = 0.0 if self.is_over else budget - self.spent
         return left if left > _ROUNDING * budget else 0.0
 
     def send(self, **message: Any) -> None:
-        """Send a message."""
+        """Send a message; end this process if the bench is gone."""
         try:
             self._outgoing.write(json.dumps(message).encode() + b"\n")
             # The buffer stays empty, since a process that the generator forks would inherit it.
             self._outgoing.flush()
         except OSError:
-            leave()
+            end_process_group()
 
     def ask(self, kind: str, **values: Any) -> dict[str, Any]:
         """Return the answer to a question.
@@ -139,7 +160,7 @@ class BenchClient:
             RuntimeError: This is a process that the generator has forked.
 
         """
-        if os.getpid() != self._process:  # where nobody would hear the answer
+        if os.getpid() != self._process_id:  # the answer would go to the process of the bench
             raise RuntimeError("the bench answers only the process that it has started")
         with self.lock:
             answer: dict[str, Any] = {}
@@ -148,23 +169,24 @@ class BenchClient:
                 answer = self._received.get()
                 self.is_over = bool(answer.get("over"))
             if self.is_over:
-                raise SystemExit(OVER)
+                raise SystemExit(BUDGET_SPENT)
             return answer
 
-    def seconds(self) -> float:
-        """Return the s of wall time since the generator was last let go on."""
-        since, self.since = self.since, time.monotonic()
-        return self.since - since
+    def restart_clock(self) -> float:
+        """Return the wall time since the last call, in s."""
+        start, self._clock_start = self._clock_start, time.monotonic()
+        return self._clock_start - start
 
     def _read(self) -> None:
+        """Queue the bench's messages; end this process after the last one."""
         try:
             for line in self._incoming:
                 self._received.put(json.loads(line))
         finally:
-            leave()
+            end_process_group()
 
 
-def leave() -> NoReturn:
+def end_process_group() -> NoReturn:
     """End this process and, if it leads its group, all that the generator started there."""
     if sys.platform != "win32" and os.getpgrp() == os.getpid():
         os.killpg(os.getpgrp(), signal.SIGKILL)
@@ -172,34 +194,34 @@ def leave() -> NoReturn:
 
 
 def points_of(test: Any) -> list[Any] | None:
-    """Return the road points of a test as JSON, None if they are no numbers."""
+    """Return the road points of a test as JSON, at most `MAX_POINTS`; None if no numbers."""
     try:
-        points = np.array(getattr(test, "road_points", None), dtype=np.float64)[:MOST_POINTS]
+        points = np.array(getattr(test, "road_points", None), dtype=np.float64)[:MAX_POINTS]
     except (TypeError, ValueError, OverflowError, IndexError):
         return None
     return points.tolist()  # type: ignore[no-any-return]
 
 
 def make_executor(bench: BenchClient, *, is_2021: bool) -> Any:
-    """Return an executor of the pipeline that is on the module path, with the bench behind it.
+    """Return an executor of the imported pipeline, whose tests the bench executes.
 
     Args:
-        bench: the other end.
-        is_2021: whether its remaining time is a number.
+        bench: connection to the bench.
+        is_2021: whether the generator is built as in 2021; then its remaining time is a number.
 
     """
     pipeline = importlib.import_module(EXECUTORS)
     record = importlib.import_module("self_driving.simulation_data").SimulationDataRecord
-    size = len(record._fields)  # one less in 2021
+    record_size = len(record._fields)  # the pipeline of 2021 lacks the last field
     terms, numbers = bench.terms, itertools.count(1)
-    drives = Path.cwd() / "simulations" / "beamng_executor"
+    drives_folder = Path.cwd() / "simulations" / "beamng_executor"
 
     class HostedExecutor(pipeline.AbstractTestExecutor):  # type: ignore[misc, name-defined]
         """The pipeline's executor, whose tests the bench executes, one at a time."""
 
         def __reduce__(self) -> str:
-            """Return its name in the pipeline's module: copies of it are itself."""
-            return _NAME
+            """Return the executor's name in the pipeline's module, so that copies are itself."""
+            return _EXECUTOR_NAME
 
         def execute_test(self, the_test: Any) -> tuple[str, str, Any]:
             """Return outcome, description and records of a test; an invalid one has no records.
@@ -209,14 +231,15 @@ def make_executor(bench: BenchClient, *, is_2021: bool) -> Any:
 
             """
             with bench.lock:
-                seconds = bench.seconds()
+                seconds = bench.restart_clock()
                 try:
                     answer = bench.ask("test", road_points=points_of(the_test), seconds=seconds)
                 except SystemExit:
                     self.timeout_forced = True
                     raise
                 finally:
-                    bench.seconds()
+                    bench.restart_clock()  # the bench's time is not the generator's
+                # The pipeline's `execute_test` calls `validate_test` and `_execute` below.
                 bench.running = the_test, answer
                 try:
                     result: tuple[str, str, Any] = super().execute_test(the_test)
@@ -225,37 +248,38 @@ def make_executor(bench: BenchClient, *, is_2021: bool) -> Any:
                 times = {"test_generation_real_times": seconds}
                 if answer["outcome"] != "INVALID":
                     times["test_execution_real_times"] = terms["seconds_per_test"]
-                for name, value in times.items():  # in the place of the pipeline's
-                    if noted := getattr(getattr(self, "stats", None), name, None):
-                        noted[-1] = value
+                for name, value in times.items():
+                    if statistics := getattr(getattr(self, "stats", None), name, None):
+                        statistics[-1] = value  # replaces the wall time that the pipeline measured
                 return result
 
         def validate_test(self, the_test: Any) -> tuple[bool, str]:
             """Return whether a test is valid, and if not, why; costs nothing."""
             if bench.running is not None and bench.running[0] is the_test:
                 answer = bench.running[1]
-                invalid = answer["outcome"] == "INVALID"
-                return not invalid, answer["description"] if invalid else ""
+                is_valid = answer["outcome"] != "INVALID"
+                return is_valid, "" if is_valid else answer["description"]
             answer = bench.ask("valid", road_points=points_of(the_test))
             return answer["valid"], answer["description"]
 
         def _execute(self, _: Any) -> tuple[str, str, list[Any]]:
+            """Return the bench's outcome, description and records of the running test."""
             assert bench.running is not None
             answer = bench.running[1]
-            # Some generators note the name of the latest drive's folder.
-            (drives / f"sim_{next(numbers):05d}").mkdir(parents=True, exist_ok=True)
+            # Some generators look for the folder of the latest drive.
+            (drives_folder / f"sim_{next(numbers):05d}").mkdir(parents=True, exist_ok=True)
             records = [
-                record(*(tuple(v) if isinstance(v, list) else v for v in row[:size]))
+                record(*(tuple(v) if isinstance(v, list) else v for v in row[:record_size]))
                 for row in answer["records"]
             ]
             return answer["outcome"], answer["description"], records
 
         def is_over(self) -> bool:
-            """Return whether nothing remains of the budget."""
+            """Return whether the budget is spent."""
             return bench.remaining() == 0.0
 
         def get_elapsed_time(self) -> float:
-            """Return virtual s; the pipeline of 2021 asks for them."""
+            """Return the virtual time that has passed, in s; the pipeline of 2021 calls this."""
             return float(terms["time_budget"] - bench.remaining())
 
         def store_test(self, the_test: Any) -> None:
@@ -265,7 +289,7 @@ def make_executor(bench: BenchClient, *, is_2021: bool) -> Any:
             """Do nothing: the bench ends the process."""
 
     HostedExecutor.__module__ = EXECUTORS
-    known = inspect.signature(pipeline.AbstractTestExecutor).parameters  # 2021 knows no folder
+    known = inspect.signature(pipeline.AbstractTestExecutor).parameters  # in 2021 without a folder
     options = ("result_folder", "map_size", "time_budget")
     executor = HostedExecutor(**{name: terms[name] for name in options if name in known})
     budget: Any = executor.time_budget
@@ -275,89 +299,124 @@ def make_executor(bench: BenchClient, *, is_2021: bool) -> Any:
             budget.get_remaining_time = bench.remaining
     for name in ("map_size", "oob_tolerance", "speed_limit"):
         setattr(executor, name, terms[name])
-    setattr(pipeline, _NAME, executor)
+    setattr(pipeline, _EXECUTOR_NAME, executor)
     return executor
 
 
 class GeneratorError(Exception):
-    """A generator that cannot be imported or built."""
+    """The generator cannot be imported or built; the message is one line for the bench."""
 
 
 @contextmanager
-def _reported(action: str) -> Iterator[None]:
-    """Turn whatever a generator raises meanwhile into one line."""
+def _generator_errors(action: str) -> Iterator[None]:
+    """Print the traceback of whatever is raised during an action, and raise one line instead.
+
+    Raises:
+        GeneratorError: the action raised, or ended the process.
+
+    """
     try:
         yield
     except BaseException as error:
         traceback.print_exc()
-        why = f"{type(error).__name__}: {error}"
+        reason = f"{type(error).__name__}: {error}"
         if isinstance(error, SystemExit):
-            why = f"it ends its process with exit code {error.code}"
+            reason = f"it ends its process with exit code {error.code}"
         elif isinstance(error, ModuleNotFoundError):
-            why += f"; install it for {sys.executable}, or give its folder as path"
+            reason += f"; install it for {sys.executable}, or give its folder as path"
             if str(error.name).partition(".")[0] in ("code_pipeline", "self_driving"):
-                why = f"{error}; give the folder of a clone of the pipeline as pipeline"
-        raise GeneratorError(f"{action} fails: {why}") from None
+                reason = f"{error}; give the folder of a clone of the pipeline as pipeline"
+        raise GeneratorError(f"{action} fails: {reason}") from None
 
 
 def build(bench: BenchClient) -> Any:
-    """Return the generator, built as the pipeline of its year does it.
+    """Return the generator, built as the pipeline of its year builds it.
 
     Raises:
-        GeneratorError: It cannot be imported or built.
+        GeneratorError: the generator or its pipeline cannot be imported or built.
 
     """
     terms = bench.terms
-    module, name, clone = terms["module"], terms["class_name"], terms["pipeline"]
-    is_file = module.endswith(".py")
-    folders = [terms["path"]] if terms["path"] else []
-    folders += [str(Path(module).parent)] if is_file else []
-    # Python has put this script's folder first.
-    sys.path[:1] = [*folders, "", clone] if clone else [str(STAND_INS), *folders, ""]
-    if clone:
-        sys.meta_path.append(Unused())
-    os.environ["MPLBACKEND"] = "Agg"
-    os.environ.setdefault("USERPROFILE", str(Path.home()))  # which the pipeline reads
-    with _reported(f"importing the pipeline in {clone}"):
-        importlib.import_module(EXECUTORS)
+    _import_pipeline(terms)
     random.seed(terms["seed"])
     np.random.seed(terms["seed"])  # noqa: NPY002 - what generators draw from
-    top = Path(terms["path"] or "", module.partition(".")[0])
-    if not is_file and top.is_dir() and not (top / "__init__.py").exists():
-        # Python would take an installed package of that name first, such as ours.
-        package = sys.modules[top.name] = ModuleType(top.name)
-        package.__path__ = [str(top)]
-    with _reported(f"importing {module}"):
-        home = _load_file(Path(module)) if is_file else importlib.import_module(module)
-    kind = getattr(home, name, None)
-    if not callable(kind):
-        classes = [k for k, v in inspect.getmembers(home, inspect.isclass) if hasattr(v, "start")]
-        raise GeneratorError(
-            f"{module} has no class {name!r}. Its classes with a method start:"
-            f" {', '.join(classes) or 'none'}"
-        )
-    for loaded, its in list(sys.modules.items()):
-        if loaded.endswith("self_driving.road_polygon"):
-            its.RoadPolygon.is_valid = lambda road: not _overlaps(bench, road.road_points)
-    with _reported(f"building {name}"):
-        is_2021 = "time_budget" in inspect.signature(kind).parameters
+    generator_class = _generator_class(terms)
+    for module_name, module in list(sys.modules.items()):
+        if module_name.endswith("self_driving.road_polygon"):
+            module.RoadPolygon.is_valid = lambda road: not _overlaps(bench, road.road_points)
+    name = terms["class_name"]
+    with _generator_errors(f"building {name}"):
+        is_2021 = "time_budget" in inspect.signature(generator_class).parameters
         options = {"executor": make_executor(bench, is_2021=is_2021), "map_size": terms["map_size"]}
         if is_2021:
             options["time_budget"] = terms["time_budget"]
-        generator = kind(**options)
+        generator = generator_class(**options)
     if not callable(getattr(generator, "start", None)):
         raise GeneratorError(f"{name} is no generator: it has no method start")
     return generator
 
 
+def _import_pipeline(terms: dict[str, Any]) -> None:
+    """Set the module path, and import the pipeline's executors or their stand-ins."""
+    clone = terms["pipeline"]
+    folders = [terms["path"]] if terms["path"] else []
+    if terms["module"].endswith(".py"):
+        folders.append(str(Path(terms["module"]).parent))
+    # The first entry is this script's folder, which Python has put there.
+    sys.path[:1] = [*folders, "", clone] if clone else [str(STAND_INS), *folders, ""]
+    if clone:
+        sys.meta_path.append(EmptyModules())
+    os.environ["MPLBACKEND"] = "Agg"  # matplotlib without a display
+    os.environ.setdefault("USERPROFILE", str(Path.home()))  # which the pipeline reads
+    with _generator_errors(f"importing the pipeline in {clone}"):
+        importlib.import_module(EXECUTORS)
+
+
+def _generator_class(terms: dict[str, Any]) -> Any:
+    """Import a generator's module and return its class.
+
+    Raises:
+        GeneratorError: the module cannot be imported, or lacks the class.
+
+    """
+    module_name, class_name = terms["module"], terms["class_name"]
+    is_file = module_name.endswith(".py")
+    top = Path(terms["path"] or "", module_name.partition(".")[0])
+    if not is_file and top.is_dir() and not (top / "__init__.py").exists():
+        # Python would prefer an installed package, such as ours, to a folder without __init__.py.
+        package = sys.modules[top.name] = ModuleType(top.name)
+        package.__path__ = [str(top)]
+    with _generator_errors(f"importing {module_name}"):
+        module = _load_file(Path(module_name)) if is_file else importlib.import_module(module_name)
+    generator_class = getattr(module, class_name, None)
+    if not callable(generator_class):
+        classes = [
+            name
+            for name, member in inspect.getmembers(module, inspect.isclass)
+            if hasattr(member, "start")
+        ]
+        raise GeneratorError(
+            f"{module_name} has no class {class_name!r}. Its classes with a method start:"
+            f" {', '.join(classes) or 'none'}"
+        )
+    return generator_class
+
+
 def _overlaps(bench: BenchClient, road: Any) -> bool:
-    """Whether a road overlaps itself; the pipeline's own answer is the same and takes up to 5 s."""
-    left, right = ([[float(v) for v in at[:2]] for at in edge] for edge in (road.left, road.right))
+    """Return whether a road overlaps itself.
+
+    The pipeline's own check gives the same answer and takes up to 5 s.
+    """
+    left, right = (
+        [[float(coordinate) for coordinate in point[:2]] for point in edge]
+        for edge in (road.left, road.right)
+    )
     return bool(bench.ask("overlaps", left=left, right=right)["overlaps"])
 
 
 def _load_file(file: Path) -> ModuleType:
-    # Others of its folder may import it by its name, unless that is taken.
+    """Return the module of a file."""
+    # Other modules of its folder may import it by its name, unless that is taken.
     name = f"generator_{file.stem}" if file.stem in sys.modules else file.stem
     spec = importlib.util.spec_from_file_location(name, file)
     assert spec is not None
@@ -369,13 +428,16 @@ def _load_file(file: Path) -> ModuleType:
 
 
 def run(bench: BenchClient) -> tuple[str, str]:
-    """Build and start a generator; return how it ends, an `End` of the bench, and a line."""
+    """Build and start a generator; return how it ends, and the reason in one line.
+
+    The end is a value of `frenetic.plugins.bench.strategy.End`.
+    """
     try:
         generator = build(bench)
     except GeneratorError as error:
         return "crashed", str(error)
     bench.send(kind="ready")
-    bench.seconds()
+    bench.restart_clock()  # building costs a generator nothing
     try:
         generator.start()
     except SystemExit as error:
@@ -388,7 +450,7 @@ def run(bench: BenchClient) -> tuple[str, str]:
 
 
 if __name__ == "__mp_main__":  # a process that a generator has spawned
-    sys.meta_path.append(Unused())
+    sys.meta_path.append(EmptyModules())
 
 if __name__ == "__main__":
     the_bench = BenchClient()
@@ -399,5 +461,5 @@ if __name__ == "__main__":
     logging.shutdown()
     for output in (sys.stdout, sys.stderr):
         output.flush()
-    the_bench.send(kind="end", end=end, detail=detail, seconds=the_bench.seconds())
+    the_bench.send(kind="end", end=end, detail=detail, seconds=the_bench.restart_clock())
     os._exit(0)  # without waiting for the generator's threads

@@ -1,6 +1,6 @@
-"""Imported for its effect: compiles or loads what runs need, and imports what takes long.
+"""Compile or load what runs need, and import what takes long; importing this module does both.
 
-The server from which runs are forked (Linux) imports this, so they have it from the start.
+The server from which runs are forked (on Linux) imports it, so runs have all this from the start.
 """
 
 import scipy.interpolate  # noqa: F401 - for the competition's measures of a failure

@@ -1,6 +1,6 @@
-"""Presets: the competition's editions, with their setting and published figures.
+"""Presets: editions of the competition, with their setting and published figures.
 
-They stand in presets.toml.
+The presets themselves are in presets.toml.
 """
 
 from __future__ import annotations
@@ -23,27 +23,31 @@ COLUMNS: Final = ("runs", "tests", "valid", "failures", "per 100 valid", "sparse
 
 
 class PublishedFigures(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """Figures of a tool: means of its runs, as far as they are known."""
+    """Figures of a generator: means over its runs; None where a figure is not known."""
 
     tool: str
+    """Name of the generator."""
     runs: int
+    """Number of runs."""
     tests: float | None = None
-    """Valid and invalid ones."""
+    """Number of tests, valid and invalid."""
     valid: float | None = None
+    """Number of valid tests."""
     failures: float
+    """Number of failures."""
     sparseness: float | None = None
-    """The competition's, in edits."""
+    """Sparseness of the failures by the competition's code, in edits."""
     source: str = "here"
-    """Key of `Preset.sources`."""
+    """Where the figures come from: a key of `Preset.sources`, or "here" for the bench."""
 
     @property
     def per_100_valid(self) -> float | None:
-        """Failures of 100 valid tests."""
+        """Failures per 100 valid tests."""
         return 100.0 * self.failures / self.valid if self.valid else None
 
     @property
     def cells(self) -> tuple[str | None, ...]:
-        """The cells of a table below `COLUMNS`."""
+        """Cells of a table's row, with `COLUMNS` as headings."""
 
         def text(value: float | None, decimals: int) -> str | None:
             return None if value is None else f"{value:.{decimals}f}"
@@ -62,22 +66,25 @@ class Preset(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """An edition of the competition."""
 
     name: str
+    """Name on the command line, such as "sbst2021"."""
     title: str
+    """Name in tables, such as "SBST 2021"."""
     setting: str
-    """What it drove in, for people."""
+    """Driver, simulator and rules of the edition, for people."""
     bench: dict[str, Any]
-    """Entries of a bench's file."""
+    """Entries of a bench's file that come near to the setting."""
     differs: dict[str, str]
-    """Name of an entry -> how its value differs from the edition's."""
+    """Name of an entry in ``bench`` -> how its value differs from the edition's."""
     published: tuple[PublishedFigures, ...]
+    """Figures of the edition's generators."""
     sources: dict[str, str]
-    """Name -> where figures were published."""
+    """Key of figures -> where they were published."""
 
     def differences(self, entries: Mapping[str, Any]) -> dict[str, str]:
-        """Name of each entry in which a bench differs from the edition -> how it does.
+        """Return name of each entry in which a bench differs from the edition -> how it differs.
 
         Args:
-            entries: entries of the bench; parts without names have none.
+            entries: entries of the bench, as `Bench.entries` returns them.
         """
         differences = dict(self.differs)
         for name, value in self.bench.items():
@@ -92,14 +99,14 @@ PRESETS: Final[Mapping[str, Preset]] = {
         Path(__file__).with_name("presets.toml").read_text(encoding="utf-8")
     ).items()
 }
-"""Name -> preset, by year."""
+"""Name -> preset, in the order of the years."""
 
 
 def find_preset(name: str) -> Preset:
-    """Return the preset of a name.
+    """Return the preset of this name.
 
     Raises:
-        UnknownNameError: there is none.
+        UnknownNameError: no preset has this name.
     """
     if name not in PRESETS:
         raise UnknownNameError(
@@ -109,11 +116,14 @@ def find_preset(name: str) -> Preset:
 
 
 def measured(comparison: Comparison) -> list[PublishedFigures]:
-    """Return the figures of a bench's entrants, in the order of the comparison."""
+    """Return the figures of a bench's entrants, in the order of the comparison's headline."""
     figures = []
     for name in comparison.headline.order:
         runs = comparison.groups[name]
-        sparse = [r.competition_sparseness for r in runs if math.isfinite(r.competition_sparseness)]
+        # Not finite where a run has too few failures.
+        sparsenesses = [
+            run.competition_sparseness for run in runs if math.isfinite(run.competition_sparseness)
+        ]
         figures.append(
             PublishedFigures(
                 tool=name,
@@ -121,7 +131,7 @@ def measured(comparison: Comparison) -> list[PublishedFigures]:
                 tests=fmean(run.simulations + run.counts.invalid for run in runs),
                 valid=fmean(run.simulations for run in runs),
                 failures=fmean(run.failures for run in runs),
-                sparseness=fmean(sparse) if sparse else None,
+                sparseness=fmean(sparsenesses) if sparsenesses else None,
             )
         )
     return figures

@@ -1,4 +1,4 @@
-"""Runs of a bench side by side, each in its own process."""
+"""Runs of a bench at the same time, each in its own process."""
 
 from __future__ import annotations
 
@@ -25,10 +25,10 @@ from frenetic.processes.object_process import (
     ready,
 )
 
-_POLL: Final = 0.2  # s between two looks whether Ctrl-C was pressed
-RUNS_PRELOADED: Final = ("frenetic.plugins.bench.preloading",)
-"""Modules that the server of runs imports."""
-_REPORT: Final = 0.2  # s between two messages about the progress of a run
+PRELOADED_MODULES: Final = ("frenetic.plugins.bench.preloading",)
+"""Modules that the server from which runs are forked imports."""
+_POLL_INTERVAL: Final = 0.2  # [s] between two checks whether Ctrl-C was pressed
+_REPORT_INTERVAL: Final = 0.2  # [s] between two messages about the progress of a run
 
 logger = logging.getLogger(__name__)
 
@@ -40,32 +40,38 @@ def run_all(
     workers: int,
     on_interrupt: Callable[[], None] | None = None,
 ) -> Generator[tuple[EntrantRun, Summary | RunState]]:
-    """Run all, several at once; gives the messages of each, at last its state.
+    """Run all runs, several at once; yield each with summaries of its progress, then its state.
 
-    After the first Ctrl-C no run begins and running ones are finished; the second ends them at
-    once, as closing the generator does.
+    After the first Ctrl-C no run begins, and running ones are finished. The second Ctrl-C ends
+    running ones at once, and so does closing this iterator.
+
+    Args:
+        runs: the runs, in the order in which they begin.
+        terms: terms of the bench.
+        workers: number of runs at once.
+        on_interrupt: called at the first Ctrl-C.
 
     Raises:
         FreneticError: driver or simulator cannot be copied into another process.
     """
-    packed, workers = pack(_Runner(terms)), min(workers, MOST_WORKERS)
+    packed_runner, workers = pack(_Runner(terms)), min(workers, MOST_WORKERS)
     waiting = deque(runs)
-    at_work: dict[ObjectProcess, EntrantRun] = {}
+    running: dict[ObjectProcess, EntrantRun] = {}
     with catch_interrupt(on_interrupt) as interrupt:
         try:
-            while at_work or (waiting and not interrupt.requested):
-                while waiting and len(at_work) < workers and not interrupt.requested:
+            while running or (waiting and not interrupt.requested):
+                while waiting and len(running) < workers and not interrupt.requested:
                     run = waiting.popleft()
-                    worker = ObjectProcess(run.name, packed, RUNS_PRELOADED)
-                    at_work[worker] = run
-                    worker.start()
-                    # Its process is in the folder of the parts.
+                    process = ObjectProcess(run.name, packed_runner, PRELOADED_MODULES)
+                    running[process] = run
+                    process.start()
+                    # The process works in the folder of the parts, so the run's is absolute.
                     absolute = replace(run, folder=run.folder.absolute())
-                    worker.send("run", absolute, limit=math.inf, answer=RunEnding, report=Progress)
-                for worker in ready(at_work, _POLL):
-                    run = at_work[worker]
+                    process.send("run", absolute, limit=math.inf, answer=RunEnding, report=Progress)
+                for process in ready(running, _POLL_INTERVAL):
+                    run = running[process]
                     try:
-                        messages = worker.receive()
+                        messages = process.receive()
                     except LostProcessError as error:
                         logger.debug("%s: %s\n%s", run.name, error, error.trouble.traceback)
                         messages = [RunState(run, None, str(error))]
@@ -73,33 +79,33 @@ def run_all(
                         if isinstance(message, Progress):
                             yield run, message.summary()
                             continue
-                        worker.kill()
-                        del at_work[worker]
-                        is_end = isinstance(message, RunEnding)
-                        yield run, RunState(run, message) if is_end else message
+                        process.kill()
+                        del running[process]
+                        is_ending = isinstance(message, RunEnding)
+                        yield run, RunState(run, message) if is_ending else message
         finally:
-            for worker in at_work:
-                worker.kill()
+            for process in running:
+                process.kill()
 
 
 class _Runner:
-    """What a run's process holds."""
+    """Object in a run's process, whose methods the bench calls."""
 
     def __init__(self, terms: RunTerms) -> None:
         self._terms = terms
 
     def start(self) -> None:
-        """Leave the other cores to the other runs."""
+        """Keep this run to one core, since other runs need the others."""
         threadpool_limits(1)
 
     def run(self, run: EntrantRun) -> RunEnding:
         """Run an entrant and report its progress."""
-        reported_at = 0.0  # [s], on the monotonic clock
+        reported_at = 0.0  # [s] on the monotonic clock
 
-        def say(progress: Summary) -> None:
+        def report_progress(summary: Summary) -> None:
             nonlocal reported_at
-            if time.monotonic() - reported_at >= _REPORT:
+            if time.monotonic() - reported_at >= _REPORT_INTERVAL:
                 reported_at = time.monotonic()
-                report(Progress.of_summary(progress))
+                report(Progress.of_summary(summary))
 
-        return run_entrant(run, self._terms, say)
+        return run_entrant(run, self._terms, report_progress)

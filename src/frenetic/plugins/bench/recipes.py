@@ -1,6 +1,6 @@
-"""Recipes: published generators of the competition, with what a bench must know to run them.
+"""Recipes: published generators of the competition, and how a bench runs them.
 
-They stand in recipes.toml.
+The recipes themselves are in recipes.toml.
 """
 
 from __future__ import annotations
@@ -18,45 +18,48 @@ from frenetic.plugins.bench.entrants import Entrant
 
 
 class Recipe(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """A published generator."""
+    """A published generator, whose files the user has downloaded into a folder."""
 
     name: str
+    """Name on the command line."""
     title: str
     """Name in tables."""
     source: str
-    """GitHub repository and branch or pull request whose files the folder holds."""
+    """GitHub repository, and branch or pull request, from which the files come."""
     spec: str
-    """``package.module:Class``."""
+    """``package.module:Class`` of the generator."""
     path: str = "."
-    """Folder on the module path, in that one."""
+    """Folder on the module path, relative to the folder of the files."""
     copy: str | None = None
-    """Folder of which each run works in a copy, relative to the generator's files."""
+    """Folder of which each run gets a copy to work in, relative to the folder of the files."""
     packages: tuple[str, ...] = ()
-    """What it needs beside numpy, scipy, shapely and matplotlib, in the versions that ran."""
+    """Packages needed beside numpy, scipy, shapely and matplotlib, in versions that ran."""
     files: dict[str, str] = field(default_factory=dict)
-    """File that has to be added -> what it is."""
+    """Path of a file that the source lacks -> what the file is."""
     seconds_per_test: float = 0.0
-    """Least virtual time of a drive with which it runs, in s."""
+    """Least virtual time of a drive with which the generator ends, in s."""
     note: str = ""
+    """Note for people."""
 
     def entrant(
         self, folder: Path | str, *, python: Path | str | None = None, name: str | None = None
     ) -> Entrant:
-        """Return the entrant of a bench.
+        """Return the generator as an entrant of a bench.
 
         Args:
-            folder: with the files of the source.
-            python: its interpreter; by default the current one.
-            name: in tables; by default the title.
+            folder: folder of the generator's files.
+            python: interpreter of the generator; by default the current one.
+            name: name in tables; by default the title.
 
         Raises:
-            FreneticError: the folder lacks something.
+            FreneticError: a file is missing.
         """
         folder = Path(folder)
-        place = (folder / self.path).joinpath(*self.spec.partition(":")[0].split("."))
-        if not place.with_suffix(".py").is_file():
+        module = self.spec.partition(":")[0]
+        module_file = (folder / self.path).joinpath(*module.split(".")).with_suffix(".py")
+        if not module_file.is_file():
             raise FreneticError(
-                f"{str(folder)!r} does not hold {self.title}: {place.with_suffix('.py')} is not"
+                f"{str(folder)!r} does not hold {self.title}: {module_file} is not"
                 f" there; its path must be a folder with the files of {self.source}"
             )
         for file, content in self.files.items():
@@ -72,17 +75,18 @@ class Recipe(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
 
     @property
     def needs(self) -> str:
-        """What has to be there beside its files, for people."""
+        """Packages, files and settings that the generator needs, for people."""
         needs = [*self.packages, *(f"{file} ({content})" for file, content in self.files.items())]
         if self.seconds_per_test:
             needs.append(f"{self.seconds_per_test:g} s per test")
         return "; ".join(filter(None, (", ".join(needs), self.note)))
 
-    def check(self, seconds_per_test: float) -> None:
-        """Check the cost of a drive.
+    def require_enough_seconds(self, seconds_per_test: float) -> None:
+        """Check the virtual time that a drive costs, in s.
 
         Raises:
-            FreneticError: the generator would wait for ever at its end.
+            FreneticError: a drive costs so little that the generator would wait for ever at the
+                end of its budget.
         """
         if seconds_per_test < self.seconds_per_test:
             raise FreneticError(
@@ -96,14 +100,14 @@ RECIPES: Final[Mapping[str, Recipe]] = {
     name: convert({"name": name, **entries}, Recipe)
     for name, entries in tomllib.loads(_FILE.read_text(encoding="utf-8")).items()
 }
-"""Name -> recipe, by year."""
+"""Name -> recipe, in the order of the years."""
 
 
 def find_recipe(name: str) -> Recipe:
-    """Return the recipe of a name.
+    """Return the recipe of this name.
 
     Raises:
-        UnknownNameError: there is none.
+        UnknownNameError: no recipe has this name.
     """
     if name not in RECIPES:
         raise UnknownNameError(

@@ -1,4 +1,4 @@
-"""Results of a bench beside its runs: the page."""
+"""The page with a bench's results, in its folder."""
 
 from __future__ import annotations
 
@@ -15,17 +15,18 @@ from frenetic.report.html.comparison import write_comparison_page
 from frenetic.report.html.page import Block, Facts, Section, Table
 
 PAGE: Final = "index.html"
+"""Name of the page's file."""
 
 
 def write_results(bench: Bench, comparison: Comparison) -> Path:
-    """Write the page into a bench's folder; returns it.
+    """Write the page into a bench's folder; return its path.
 
     Args:
-        bench: whose folder it is.
-        comparison: of its entrants.
+        bench: the bench.
+        comparison: comparison of its entrants.
 
     Raises:
-        FreneticError: it cannot be written.
+        FreneticError: the page cannot be written.
     """
     number = len(comparison.groups)
     return write_comparison_page(
@@ -40,7 +41,7 @@ def write_results(bench: Bench, comparison: Comparison) -> Path:
 
 
 def _published(bench: Bench, comparison: Comparison) -> Iterator[Section]:
-    """Yield the figures of a bench's preset beside its entrants' figures."""
+    """Yield a section with published figures beside the entrants', if the bench has a preset."""
     if (preset := bench.preset) is None:
         return
     columns = ("", *COLUMNS, "from")
@@ -58,11 +59,12 @@ def _published(bench: Bench, comparison: Comparison) -> Iterator[Section]:
 
 
 def _terms(bench: Bench) -> dict[str, str]:
+    """Return name -> text of the facts about a bench: its clock, its seeds and its entrants."""
     terms = bench.terms
     budget = format_duration(terms.time)
     facts = {
         "virtual clock": f"{budget}, of which each simulation costs {terms.seconds_per_test:g} s;"
-        " the time that a generator takes itself is free",
+        " the time that a generator computes is free",
         "seeds": f"{bench.seed} to {bench.seed + bench.repeats - 1}",
     }
     for entrant in bench.entrants:

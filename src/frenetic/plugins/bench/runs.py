@@ -1,4 +1,4 @@
-"""Runs of a bench: one entrant, one seed, one campaign each."""
+"""A run of a bench: one entrant with one seed, as a campaign."""
 
 from __future__ import annotations
 
@@ -46,10 +46,14 @@ WORK: Final = "work"
 RESULTS: Final = "results"
 """Folder, in `WORK`, that a generator sees as the pipeline's results folder."""
 GENERATOR_LOG: Final = "generator.log"
-"""File with the output of a run's generator."""
-_NEVER_COPIED: Final = (".git", "__pycache__")
-FACT: Final = "bench"
+"""Name of the file, in a run's folder, with the output of its generator."""
+ENDING_FACT: Final = "bench"
 """Name of the campaign's fact with the end of its run in a bench."""
+
+_NEVER_COPIED: Final = (".git", "__pycache__")  # names of files and folders
+_MAX_ERROR_LENGTH: Final = 300  # letters: an error of copying lists every file
+_MAX_LINE_LENGTH: Final = 200  # letters of a generator's output in an error
+_SEED_RANGE: Final = 2**32  # numpy's `random.seed` takes smaller numbers
 
 OnProgress = Callable[[Summary], None]
 
@@ -59,16 +63,16 @@ class RunTerms:
     """Terms of all runs of a bench."""
 
     tester: RoadTester
-    """Tests the roads of every run."""
+    """Tester of the roads of every run."""
     _: KW_ONLY
     simulations: Count = 200
     """Budget of each run, in drives."""
     seconds_per_test: Positive = 36.0
-    """Virtual s that each executed test costs, as a generator sees it."""
+    """Virtual time that each executed test costs, as a generator sees it, in s."""
     patience: Positive = 600.0
     """Wall time that a generator may take between two tests, in s."""
     objective: str = MOOBD
-    """Name of what the strategies minimise; a generator has its own."""
+    """Name of the objective that the strategies minimise; a generator has its own."""
 
     def __post_init__(self) -> None:
         Objective.load(self.objective)
@@ -77,19 +81,20 @@ class RunTerms:
 
     @property
     def time(self) -> float:
-        """Budget of each run, in virtual s."""
+        """Budget of each run as virtual time, in s."""
         return self.simulations * self.seconds_per_test
 
 
 @dataclass(frozen=True)
 class EntrantRun:
-    """One entrant with one seed."""
+    """An entrant with a seed."""
 
     entrant: Entrant
     repeat: int
-    """Number from 1."""
+    """Number of the entrant's run, from 1."""
     seed: int
     folder: Path
+    """Folder of this run alone, which becomes a campaign's."""
 
     @property
     def name(self) -> str:
@@ -123,10 +128,10 @@ def run_entrant(
 ) -> RunEnding:
     """Run an entrant until its budget is spent, or until it ends otherwise.
 
-    The folder becomes a campaign's. An interrupted run begins again.
+    What an interrupted run has left in the folder is deleted: a run is not resumed.
 
     Args:
-        run: the entrant, its seed, and a folder of this run alone.
+        run: the entrant with its seed and folder.
         terms: terms of the bench.
         on_progress: called after every test.
 
@@ -134,7 +139,7 @@ def run_entrant(
         FreneticError: the simulator does not start, or the folder cannot be written.
     """
     try:
-        if run.folder.is_dir():  # the remains of an interrupted run
+        if run.folder.is_dir():
             shutil.rmtree(run.folder)
     except OSError as error:
         raise FreneticError(
@@ -143,32 +148,32 @@ def run_entrant(
     facts: dict[str, Any] = {"seconds_per_test": terms.seconds_per_test}
     if run.entrant.is_strategy:
         available = {"seed": run.seed, "map_size": terms.tester.terms.map_size}
-        searcher: Strategy = STRATEGIES.make_from(run.entrant.spec, run.entrant.options, available)
-        ending = _search(_campaign(run, terms, searcher), on_progress)
+        strategy: Strategy = STRATEGIES.make_from(run.entrant.spec, run.entrant.options, available)
+        ending = _search(_campaign(run, terms, strategy), on_progress)
     else:
-        with hosted(run, terms) as strategy:
-            campaign = _campaign(run, terms, strategy, {"strategy": _described(run)})
+        with hosted_generator(run, terms) as generator:
+            campaign = _campaign(run, terms, generator, {"strategy": _strategy_record(run)})
             ending = _search(campaign, on_progress)
             if ending is None or ending.end is not End.GAVE_UP:
-                ending = strategy.dismiss()
-        facts["strategy_seconds"] = round(strategy.computing, 4)
+                ending = generator.dismiss()
+        facts["strategy_seconds"] = round(generator.computing, 4)
     ending = ending or RunEnding(End.OVER)
-    facts[FACT] = msgspec.to_builtins(ending)
+    facts[ENDING_FACT] = msgspec.to_builtins(ending)
     with CampaignStore.open(run.folder, readonly=False) as store:
         store.finish(finished_at=store.facts["finished_at"], **facts)
     return ending
 
 
 def ending_of(folder: Path) -> RunEnding | None:
-    """Return the end of the run in a folder; None if it is not complete.
+    """Return the end of the run in a folder; None if the run is not complete.
 
     Raises:
-        CampaignError: its campaign is damaged.
+        CampaignError: the run's campaign is damaged.
     """
     if not (folder / DATABASE).is_file():
         return None
     with CampaignStore.open(folder) as store:
-        fact = store.facts.get(FACT)
+        fact = store.facts.get(ENDING_FACT)
     try:
         return msgspec.convert(fact, RunEnding)
     except msgspec.ValidationError:
@@ -176,8 +181,10 @@ def ending_of(folder: Path) -> RunEnding | None:
 
 
 @contextmanager
-def hosted(run: EntrantRun, terms: RunTerms) -> Iterator[GeneratorStrategy]:
-    """A generator in its own process; its ``ending`` tells if it could not be built.
+def hosted_generator(run: EntrantRun, terms: RunTerms) -> Iterator[GeneratorStrategy]:
+    """Start a generator's process, and yield the strategy that proposes its roads.
+
+    The strategy has an ``ending`` if the generator could not be built.
 
     Args:
         run: the generator, the seed of `random` and numpy in its process, and the folder for its
@@ -185,7 +192,7 @@ def hosted(run: EntrantRun, terms: RunTerms) -> Iterator[GeneratorStrategy]:
         terms: terms of the bench.
 
     Raises:
-        OSError: its folder cannot be copied, or its process cannot be started.
+        OSError: the generator's folder cannot be copied, or its process cannot be started.
     """
     work = run.folder.absolute() / WORK
     if run.entrant.copy is not None:
@@ -211,37 +218,42 @@ def hosted(run: EntrantRun, terms: RunTerms) -> Iterator[GeneratorStrategy]:
 
 
 def try_out(entrant: Entrant, terms: RunTerms, seed: int) -> None:
-    """Build a generator once.
+    """Build a generator in a temporary folder, and end it.
 
     Raises:
         FreneticError: the generator cannot be built.
     """
-    with TemporaryDirectory(prefix="frenetic-bench-", ignore_cleanup_errors=True) as place:
-        folder = Path(place)
+    with TemporaryDirectory(prefix="frenetic-bench-", ignore_cleanup_errors=True) as temporary:
+        folder = Path(temporary)
+        run = EntrantRun(entrant, repeat=1, seed=seed, folder=folder)
         try:
-            with hosted(EntrantRun(entrant, 1, seed, folder), terms) as strategy:
-                ending = strategy.ending
+            with hosted_generator(run, terms) as generator:
+                ending = generator.ending
         except OSError as error:
-            why = str(error.strerror or error)[:300]  # copying lists every file
-            raise FreneticError(f"{entrant.name} cannot be started: {why}") from None
+            reason = str(error.strerror or error)[:_MAX_ERROR_LENGTH]
+            raise FreneticError(f"{entrant.name} cannot be started: {reason}") from None
         if ending is None:
             return
         log = (folder / GENERATOR_LOG).read_text(encoding="utf-8", errors="replace")
-    printed = log.strip().splitlines()[-1:] if ending.detail.startswith("its process") else []
-    needs = "; its interpreter needs Python 3.9 or newer and numpy"
-    raise FreneticError(
-        f"{entrant.name} cannot be built: {ending.detail or ending.end}"
-        + "".join(f" ({line[:200]})" for line in printed)
-        + (needs if printed and entrant.python is not None else "")
-    )
+    message = f"{entrant.name} cannot be built: {ending.detail or ending.end}"
+    # A process that ended before it could say why may have printed the reason.
+    lines = log.strip().splitlines() if ending.detail.startswith("its process") else []
+    if lines:
+        message += f" ({lines[-1][:_MAX_LINE_LENGTH]})"
+        if entrant.python is not None:
+            message += "; its interpreter needs Python 3.9 or newer and numpy"
+    raise FreneticError(message)
 
 
 @cache
 def compile_measures() -> None:
-    """Compile what runs need beside driving once, before several of them start."""
+    """Compile the kernels of validity and sparseness once, before several runs start.
+
+    The kernels are called with roads of arbitrary points: only the types matter.
+    """
     points = np.column_stack([np.linspace(0.0, 60.0, 31), 5.0 * np.sin(np.linspace(0.0, 6.0, 31))])
-    for some in (points, points[::10]):
-        Road.from_points(some)
+    for road_points in (points, points[::10]):
+        Road.from_points(road_points)
     check_validity(points)
     min_radius(interpolate(points))
     overlaps_itself(points, points + 4.0)
@@ -250,7 +262,7 @@ def compile_measures() -> None:
     unlike_lines(segments)
 
 
-def _described(run: EntrantRun) -> dict[str, JSONValue]:
+def _strategy_record(run: EntrantRun) -> dict[str, JSONValue]:
     """Return a generator as a campaign records its strategy."""
     entrant = run.entrant
     module = Path(entrant.module).name if entrant.module.endswith(".py") else entrant.module
@@ -259,18 +271,22 @@ def _described(run: EntrantRun) -> dict[str, JSONValue]:
 
 
 def assignment(run: EntrantRun, terms: RunTerms) -> dict[str, Any]:
-    """Return the first message to a generator's process."""
+    """Return the first message to a generator's process, see `frenetic.plugins.bench.host`."""
     entrant, setting = run.entrant, terms.tester.setting
-    rules, size = setting.rules_in({}), setting.map_size
+    rules, map_size = setting.rules_in({}), setting.map_size
     work = run.folder.absolute() / WORK
-    places = {"path": entrant.path, "pipeline": entrant.own_pipeline}
+
+    def path_text(path: Path | None) -> str | None:
+        return None if path is None else str(_in_copy(path, entrant, work))
+
     is_file = entrant.module.endswith(".py")
     return {
-        "module": str(_copied(Path(entrant.module), entrant, work)) if is_file else entrant.module,
+        "module": path_text(Path(entrant.module)) if is_file else entrant.module,
         "class_name": entrant.class_name,
-        **{k: place and str(_copied(place, entrant, work)) for k, place in places.items()},
-        "seed": run.seed % 2**32,  # no generator of random numbers takes more bits
-        "map_size": int(size) if size == int(size) else size,
+        "path": path_text(entrant.path),
+        "pipeline": path_text(entrant.own_pipeline),
+        "seed": run.seed % _SEED_RANGE,
+        "map_size": int(map_size) if map_size == int(map_size) else map_size,  # as the pipeline has
         "time_budget": terms.time,
         "seconds_per_test": terms.seconds_per_test,
         "oob_tolerance": rules.oob_tolerance,
@@ -279,26 +295,29 @@ def assignment(run: EntrantRun, terms: RunTerms) -> dict[str, Any]:
     }
 
 
-def _copied(place: Path, entrant: Entrant, work: Path) -> Path:
-    """Return a generator's file or folder, or its copy if there is one."""
-    if entrant.copy is not None and place.is_relative_to(entrant.copy):
-        place = work / place.relative_to(entrant.copy)
-    return place
+def _in_copy(path: Path, entrant: Entrant, work: Path) -> Path:
+    """Return where a generator's file or folder lies in the run's copy, if there is a copy of it.
+
+    Args:
+        path: absolute path of the file or folder.
+        entrant: the generator.
+        work: the run's copy of the folder ``entrant.copy``.
+    """
+    if entrant.copy is not None and path.is_relative_to(entrant.copy):
+        return work / path.relative_to(entrant.copy)
+    return path
 
 
 def _copy(source: Path, target: Path) -> None:
-    """Copy a folder, but no repository, virtual environment or folder that holds the target."""
-    around = {target.resolve(), *target.resolve().parents}
+    """Copy a folder without repositories, virtual environments and folders that hold the target."""
+    target_and_parents = {target.resolve(), *target.resolve().parents}
+
+    def is_left_out(path: Path) -> bool:
+        is_environment = (path / "pyvenv.cfg").is_file()
+        return path.name in _NEVER_COPIED or is_environment or path.resolve() in target_and_parents
 
     def left_out(folder: str, names: list[str]) -> list[str]:
-        return [
-            name
-            for name in names
-            for place in (Path(folder, name),)
-            if name in _NEVER_COPIED
-            or (place / "pyvenv.cfg").is_file()
-            or place.resolve() in around
-        ]
+        return [name for name in names if is_left_out(Path(folder, name))]
 
     shutil.copytree(
         source, target, ignore=left_out, ignore_dangling_symlinks=True, dirs_exist_ok=True
@@ -309,8 +328,16 @@ def _campaign(
     run: EntrantRun,
     terms: RunTerms,
     strategy: Strategy,
-    described: Mapping[str, JSONValue] = MappingProxyType({}),
+    more_entries: Mapping[str, JSONValue] = MappingProxyType({}),
 ) -> Campaign:
+    """Return the campaign of a run.
+
+    Args:
+        run: the run.
+        terms: terms of the bench.
+        strategy: the entrant's strategy, or the generator's.
+        more_entries: further entries of the campaign's configuration.
+    """
     budget: JSONValue = {"time": terms.time, "seconds_per_test": terms.seconds_per_test}
     entrant: JSONValue = {**run.entrant.as_json(), "budget": budget}
     owner = Owner(
@@ -334,7 +361,7 @@ def _campaign(
             folder=run.folder,
             isolate=spec is not None,
             objective=terms.objective,
-            description={"seed": run.seed, "entrant": entrant, **owner.entry(), **described},
+            description={"seed": run.seed, "entrant": entrant, **owner.entry(), **more_entries},
             spec=spec,
         )
 
@@ -342,14 +369,15 @@ def _campaign(
 def _search(campaign: Campaign, on_progress: OnProgress | None) -> RunEnding | None:
     """Run a campaign; return its end, None if its budget was spent."""
 
-    def say(event: Event) -> None:
+    def report_result(event: Event) -> None:
         if on_progress is not None and event.kind == "result":
             on_progress(event.summary)
 
     try:
-        summary = campaign.run(on_event=say)
+        summary = campaign.run(on_event=report_result)
     except StrategyError as error:
-        with CampaignStore.open(campaign.folder, readonly=False) as store:  # it is never resumed
+        # A run is never resumed, so its campaign counts as finished.
+        with CampaignStore.open(campaign.folder, readonly=False) as store:
             seconds = round(store.elapsed(), 3)
             store.finish(seconds=seconds, interrupted=False, ended=str(error))
         return RunEnding(End.GAVE_UP, str(error))

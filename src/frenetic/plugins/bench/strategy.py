@@ -26,11 +26,12 @@ from frenetic.search.strategy import Ledger
 
 OPERATOR: Final = "generator"
 """Operator in the origin of a generator's roads."""
-
-CLOSING_LIMIT: Final = 60.0
-"""Time that a generator has to end after its budget is spent, in s."""
+MAX_CLOSING_TIME: Final = 60.0
+"""Most wall time that a generator may take to end after its budget is spent, in s; our choice."""
 WRONG_TYPE: Final = "Wrong type"
-"""The pipeline's message about what is no road test, or has no points."""
+"""The pipeline's message about an object that is no road test, or has no points."""
+
+_MAX_DETAIL_LENGTH: Final = 450  # letters of a generator's reason; our choice
 
 
 class End(StrEnum):
@@ -39,15 +40,15 @@ class End(StrEnum):
     OVER = "over"
     """The budget was spent."""
     RETURNED = "returned"
-    """Its ``start`` returned before that."""
+    """The generator's ``start`` returned before the budget was spent."""
     EXIT = "exit"
-    """It ended its process by itself."""
+    """The generator ended its process by itself."""
     CRASHED = "crashed"
-    """It raised, or its process died."""
+    """The generator raised, or its process died."""
     HUNG = "hung"
-    """It asked for no test for too long and was ended."""
+    """The generator asked for no test for too long and was ended."""
     GAVE_UP = "gave up"
-    """The bench ended it because its roads or drives were bad for too long."""
+    """The bench ended the generator since its roads or drives were bad for too long."""
 
 
 @dataclass(frozen=True)
@@ -56,25 +57,25 @@ class RunEnding:
 
     end: End
     detail: str = ""
-    """One line."""
+    """Reason in one line; empty if the end says all."""
 
     def __str__(self) -> str:
         return f"{self.end}: {self.detail}" if self.detail else str(self.end)
 
 
 class GeneratorStrategy(ObservingStrategy):
-    """Passes on a generator's roads, and their results to the generator.
+    """A strategy that proposes a generator's roads and answers the generator with their results.
 
-    The generator uses the pipeline's interface and cannot be asked twice, so it serves one worker,
-    and its campaign cannot be resumed.
+    The generator waits for the result of each road before its next one, so its campaign has one
+    worker. It cannot be asked again for the same roads, so its campaign cannot be resumed.
 
     Args:
-        process: runs the generator; entered already.
-        tester: tests its roads.
+        process: process of the generator, already entered.
+        tester: tester of its roads.
         simulations: budget in executed tests.
-        seconds_per_test: virtual s that each of them costs.
-        patience: s of wall time that the generator may take between two tests.
-        seed: of the generator, for the campaign's record.
+        seconds_per_test: virtual time that an executed test costs, in s.
+        patience: wall time that the generator may take between two tests, in s.
+        seed: seed of the generator, for the campaign's record.
     """
 
     def __init__(
@@ -94,83 +95,89 @@ class GeneratorStrategy(ObservingStrategy):
         """Wall time that the generator took, in s."""
         self._process = process
         self._tester = tester
-        self._left = simulations
+        self._simulations_left = simulations
         self._simulations = simulations
         self._seconds_per_test = seconds_per_test
         self._patience = patience
         self._ledger = Ledger()
-        self._attempt: Attempt | None = None  # that is to be told
+        self._attempt: Attempt | None = None  # at the candidate of the next `tell`
 
     def start(self) -> None:
-        """Wait until the generator is built or has failed to be."""
-        self._receive()
+        """Wait until the generator is built, or could not be built: then it has an ``ending``."""
+        self._receive(self._patience)
 
     def ask(self) -> Candidate:
         """Return the road of the next test that the generator wants executed.
 
         Raises:
-            SearchEnded: it has ended.
+            SearchEnded: the generator has ended.
         """
         if self.ending is None:
-            message = self._receive()
+            message = self._receive(self._patience)
             if message is not None:
                 return self._candidate(pairs_of(message.get("road_points")))
         assert self.ending is not None
         raise SearchEnded(f"the generator ended ({self.ending})")
 
     def observe(self, attempt: Attempt) -> None:
-        """Keep the attempt for the answer."""
+        """Keep the attempt, whose drive the answer to the generator holds."""
         self._attempt = attempt
 
     def tell(self, evaluation: Evaluation) -> None:
-        """Answer the test."""
+        """Answer the generator's test with its result."""
         self._ledger.settle(evaluation)
         attempt, self._attempt = self._attempt, None
-        self._left -= evaluation.outcome.is_simulated
+        self._simulations_left -= evaluation.outcome.is_simulated
+        simulated = self._simulations - self._simulations_left
         answer = {
             "outcome": str(evaluation.outcome),
             "description": WRONG_TYPE if evaluation.candidate.points is None else _reason(attempt),
             "records": self._records(evaluation, attempt),
-            "spent": (self._simulations - self._left) * self._seconds_per_test,
+            "spent": simulated * self._seconds_per_test,
         }
         self._send(answer)
 
     def dismiss(self) -> RunEnding:
-        """Reports that the budget is spent, and waits until the generator has ended."""
-        deadline = time.monotonic() + min(self._patience, CLOSING_LIMIT)
+        """Announce that the budget is spent; wait until the generator has ended, return its end."""
+        deadline = time.monotonic() + min(self._patience, MAX_CLOSING_TIME)
         while self.ending is None:
             self._send({"over": True})
-            # A test that no longer counts, or its end.
+            # Receives the end of the generator, or a test that no longer counts.
             self._receive(deadline - time.monotonic(), "it went on when the budget was spent")
         return self.ending
 
     def _send(self, message: Mapping[str, Any]) -> None:
-        with suppress(GeneratorLostError):  # its last words may still wait to be received
+        """Send a message; a process that has ended may still have messages to receive."""
+        with suppress(GeneratorLostError):
             self._process.send(message)
 
-    def _receive(self, patience: float | None = None, hung: str = "") -> dict[str, Any] | None:
-        """Return the generator's next message, None if it has ended; its reported time counts.
+    def _receive(self, patience: float, hung_reason: str = "") -> dict[str, Any] | None:
+        """Return the generator's next message that is no question about a road.
 
-        Its questions about roads are answered meanwhile.
+        Questions about roads are answered meanwhile. None if the generator has ended; then
+        ``ending`` is set.
 
         Args:
-            patience: wall time in s; by default the bench's patience.
-            hung: why it is ended after that.
+            patience: wall time after which the generator counts as hung, in s.
+            hung_reason: reason for the end of a hung generator; by default that it asked for no
+                test.
         """
-        limit = self._patience if patience is None else patience
-        deadline = time.monotonic() + limit
+        deadline = time.monotonic() + patience
         try:
             while message := self._process.receive(max(0.0, deadline - time.monotonic())):
                 if message.get("kind") not in ("valid", "overlaps"):
                     break
-                self._send(self._judged(message))
+                self._send(self._answer_about_road(message))
         except GeneratorLostError as error:
             self.ending = RunEnding(End.CRASHED, str(error))
             return None
         if message is None:
-            left = self._left * self._seconds_per_test
-            asked = f"it asked for no test for {limit:.3g} s, with {left:.3g} s of its budget left"
-            self.ending = RunEnding(End.HUNG, hung or asked)
+            seconds_left = self._simulations_left * self._seconds_per_test
+            no_test = (
+                f"it asked for no test for {patience:.3g} s, with {seconds_left:.3g} s of its"
+                " budget left"
+            )
+            self.ending = RunEnding(End.HUNG, hung_reason or no_test)
             return None
         self.computing += float(message.get("seconds", 0.0))
         if message.get("kind") == "end":
@@ -178,12 +185,13 @@ class GeneratorStrategy(ObservingStrategy):
             return None
         return message
 
-    def _judged(self, question: Mapping[str, Any]) -> dict[str, Any]:
-        """Return the answer to a question about a road."""
+    def _answer_about_road(self, question: Mapping[str, Any]) -> dict[str, Any]:
+        """Return the answer to a question whether a road is valid, or overlaps itself."""
         if question["kind"] == "overlaps":
             left, right = np.array(question["left"]), np.array(question["right"])
-            stands = (np.diff(0.5 * (left + right), axis=0) == 0.0).all(axis=1).any()
-            return {"overlaps": bool(stands or overlaps_itself(left, right))}
+            # The pipeline says so of a road whose centre line stays on a point, too.
+            repeats = (np.diff(0.5 * (left + right), axis=0) == 0.0).all(axis=1).any()
+            return {"overlaps": bool(repeats or overlaps_itself(left, right))}
         points = pairs_of(question["road_points"])
         if points is None:
             return {"valid": False, "description": WRONG_TYPE}
@@ -191,25 +199,28 @@ class GeneratorStrategy(ObservingStrategy):
         return {"valid": verdict.valid, "description": verdict.message}
 
     def _ending_of(self, message: Mapping[str, Any]) -> RunEnding:
-        """Return the end that the generator reports."""
-        end, detail = End(message["end"]), " ".join(message["detail"].split())[:450]
-        if self._left <= 0 and (end is End.RETURNED or detail == "exit code 0"):
+        """Return the end that the generator's last message reports."""
+        end = End(message["end"])
+        detail = " ".join(message["detail"].split())[:_MAX_DETAIL_LENGTH]  # in one line
+        # A generator may end in peace when it sees that its last test has been executed.
+        if self._simulations_left <= 0 and (end is End.RETURNED or detail == "exit code 0"):
             end, detail = End.OVER, ""
         return RunEnding(end, detail)
 
     def _candidate(self, points: FloatArray | None) -> Candidate:
+        """Return the candidate through road points; one without curvatures if there is no road."""
         curvatures, step = np.empty(0), 1.0
         if points is not None:
             try:
                 road = road_through(points, self._tester.terms.lane_width)
             except RoadError:
-                pass  # the tester says why
+                pass  # the tester finds the candidate invalid and says why
             else:
                 curvatures, step = road.curvatures, road.step
         return self._ledger.issue(curvatures, step, Origin(OPERATOR), points)
 
     def _records(self, evaluation: Evaluation, attempt: Attempt | None) -> list[Any]:
-        """Return the simulator's record as the pipeline's records."""
+        """Return a drive as the pipeline's records; none if nothing was driven."""
         candidate = evaluation.candidate
         if attempt is None or attempt.trajectory is None or attempt.pose is None:
             return []
@@ -220,13 +231,14 @@ class GeneratorStrategy(ObservingStrategy):
 
 
 def _reason(attempt: Attempt | None) -> str:
+    """Return the reason of a test's outcome, for the generator."""
     if attempt is None or attempt.worker_lost:
         return "The simulator broke"
     return attempt.result.reason
 
 
 def pairs_of(points: Any) -> FloatArray | None:
-    """Road points as (N, 2) m; None if they are no pairs of finite numbers."""
+    """Return road points in m, (n, 2); None if they are no pairs of finite numbers."""
     try:
         array = np.array(points, dtype=np.float64)
     except (TypeError, ValueError, OverflowError):

@@ -1,6 +1,6 @@
 """Twins: a driver in a fast simulator that stands in for a slow one.
 
-The names are imported on use, so that the help of its commands comes at once.
+Names are imported on use: the modules would slow down ``frenetic calibrate --help``.
 """
 
 from __future__ import annotations

@@ -138,8 +138,8 @@ class TwinModel:
         known = {(parameter.owner, parameter.name) for parameter in fitted}
         if unfitted := [name for name in spec.conditions if ("condition", name) not in known]:
             raise FreneticError(
-                f"the profile {profile.name!r} has the condition {unfitted[0]}, which nobody fitted:"
-                " a twin drives as a driver and a car alone do"
+                f"the profile {profile.name!r} has the condition {unfitted[0]}, which nobody"
+                " fitted: a twin drives as a driver and a car alone do"
             )
         vehicle = spec.part("simulator").options.get("vehicle") or {}
         if isinstance(vehicle, str):

@@ -1,4 +1,7 @@
-"""The executor of a lone generator; `frenetic.plugins.bench.host` puts the bench behind it."""
+"""Stand-in for the pipeline's executors, for a generator outside a clone of the pipeline.
+
+`frenetic.plugins.bench.host` derives the executor whose tests the bench executes.
+"""
 
 from __future__ import annotations
 
@@ -6,31 +9,31 @@ from typing import Any
 
 
 class PipelineBudget:
-    """The time left, in virtual s."""
+    """The time budget; the host replaces the methods that return the time left."""
 
     def __init__(self, time_budget: float) -> None:
         self.time_budget = time_budget
 
     def get_remaining_real_time(self) -> float:
-        """Return s."""
+        """Return the virtual time left, in s."""
         return self.time_budget
 
     def get_remaining_time(self) -> dict[str, float]:
-        """Return s by the budget's name."""
+        """Return name of the budget -> virtual time left, in s."""
         return {"time-budget": self.get_remaining_real_time()}
 
     def is_over(self) -> bool:
-        """Return whether nothing remains."""
+        """Return whether the budget is spent."""
         return self.get_remaining_real_time() == 0.0
 
 
 class AbstractTestExecutor:
-    """Validates tests and has them executed.
+    """Base of an executor; a subclass has `validate_test` and `_execute`.
 
     Args:
-        result_folder: where a generator may write.
-        map_size: m, side of the square map.
-        time_budget: s.
+        result_folder: folder into which a generator may write.
+        map_size: side of the square map, in m.
+        time_budget: time budget, in s.
 
     """
 
@@ -55,9 +58,9 @@ class AbstractTestExecutor:
         return outcome, description, records
 
     def get_remaining_time(self) -> Any:
-        """Return s of the budget, as its `get_remaining_time` has them."""
+        """Return what `PipelineBudget.get_remaining_time` returns."""
         return self.time_budget.get_remaining_time()
 
     def is_force_timeout(self) -> bool:
-        """Return whether the budget's end has ended the run."""
+        """Return whether the run has ended since the budget was spent."""
         return self.timeout_forced

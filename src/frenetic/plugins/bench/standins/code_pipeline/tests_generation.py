@@ -1,4 +1,4 @@
-"""Road tests."""
+"""Stand-in for the pipeline's road tests."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ class RoadTest:
     """A road test; an executed one has ``execution_data``, ``test_outcome`` and ``description``.
 
     Args:
-        road_points: x, y in m; copied.
-        number: of the test, from 1.
+        road_points: x and y of each road point, in m; the list is copied.
+        number: number of the test, from 1.
 
     """
 
@@ -30,11 +30,11 @@ class RoadTest:
 
 
 class RoadTestFactory:
-    """Makes road tests, numbered from 1."""
+    """A factory of road tests, numbered from 1."""
 
     _numbers: ClassVar[Iterator[int]] = itertools.count(1)
 
     @staticmethod
     def create_road_test(road_points: Iterable[Sequence[float]]) -> Any:
-        """Return the next road test; road points are x, y in m."""
+        """Return the next road test, with x and y of each road point in m."""
         return RoadTest(road_points, next(RoadTestFactory._numbers))

@@ -1,4 +1,4 @@
-"""The pipeline's package of that name; a partial copy on the module path adds its other modules."""
+"""Stand-in for the pipeline's package; a partial copy on the module path adds its other modules."""
 
 from pkgutil import extend_path
 

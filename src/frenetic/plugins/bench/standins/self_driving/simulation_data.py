@@ -1,4 +1,4 @@
-"""Records of a drive; `frenetic.export.official_format` says what their values are."""
+"""Stand-in for the pipeline's records; `frenetic.export.official_format` describes their values."""
 
 from collections import namedtuple
 
