@@ -1,8 +1,9 @@
-"""Frenetic as a plug-in of the official SBST/SBFT pipeline: its test generators.
+"""Test generators for the official SBST/SBFT pipeline, each around a search strategy.
 
-``competition.py --module-name frenetic.plugins.competition --class-name FreneticGenerator`` runs
-one. It is a client of ``frenetic ask-tell``, which searches in a process of its own. So this file,
-or a copy of it under another name, needs Python 3.9 and the standard library alone.
+The pipeline's ``competition.py --module-name frenetic.plugins.competition --class-name
+FreneticGenerator`` runs a generator. The generator is a client of ``frenetic ask-tell``, which
+searches in a process of its own. So this file, or a copy of it under another name, needs Python 3.9
+or newer and the standard library alone.
 """
 
 from __future__ import annotations
@@ -31,17 +32,18 @@ __all__ = ["Frenetic2021Generator", "FreneticGenerator", "Generator", "RandomSea
 
 logger = logging.getLogger(__name__)
 
-COMMAND: Final = "FRENETIC_COMMAND"
-"""Environment variable: the command ``frenetic``, if it is not on the path."""
+COMMAND_VARIABLE: Final = "FRENETIC_COMMAND"
+"""Environment variable with the command ``frenetic``, if it is not on the path."""
 SEED_VARIABLE: Final = "FRENETIC_SEED"
-"""Environment variable: a whole number of at least 0."""
-OPTIONS: Final = "FRENETIC_STRATEGY_OPTIONS"
-"""Environment variable: NAME=VALUE, several separated by blanks."""
-MOST_EXCEPTIONS: Final = 100
-"""Consecutive exceptions of the executor after which the search ends."""
+"""Environment variable with the seed, a whole number of at least 0."""
+OPTIONS_VARIABLE: Final = "FRENETIC_STRATEGY_OPTIONS"
+"""Environment variable with the strategy's options, NAME=VALUE, separated by blanks."""
+MAX_EXCEPTIONS: Final = 100
+"""Number of exceptions of the executor in a row after which the search ends; our choice."""
 
-_TIME_BUDGET: Final = "time-budget"
-_PATIENCE: Final = 60.0  # [s], ours, for the search's process to end
+_TIME_BUDGET: Final = "time-budget"  # the pipeline's name for a single budget
+_END_TIMEOUT: Final = 60.0  # [s] for the search's process to end, our choice
+_SEED_RANGE: Final = 2**31  # of the seeds that are drawn if none is set
 
 
 class Generator:
@@ -58,7 +60,7 @@ class Generator:
     """
 
     strategy: ClassVar[str]
-    """The strategy as ``frenetic ask-tell --strategy`` takes it, such as ``file.py:Class``."""
+    """Strategy as ``frenetic ask-tell --strategy`` takes it, such as ``file.py:Class``."""
 
     def __init__(
         self, executor: Any, map_size: float = 200, time_budget: float | None = None
@@ -74,8 +76,8 @@ class Generator:
         self._executor = executor
         self._map_size = map_size
         self._budget = _TimeBudget(executor, time_budget)
-        self._exceptions = 0  # in a row
-        self._answers: Counter[str] = Counter()  # of the executor
+        self._exceptions = 0  # of the executor, in a row
+        self._outcomes: Counter[str] = Counter()  # of the executor's tests
 
     def start(self) -> None:
         """Search until the executor says that the budget is spent.
@@ -85,34 +87,30 @@ class Generator:
             SystemExit: the executor ends the process when the budget is spent.
         """
         name = type(self).__name__
-        seed = os.environ.get(SEED_VARIABLE, "").strip() or str(secrets.randbelow(2**31))
+        seed = os.environ.get(SEED_VARIABLE, "").strip() or str(secrets.randbelow(_SEED_RANGE))
         folder = Path("campaigns").absolute() / f"{datetime.now():%Y%m%d-%H%M%S-%f}"
-        words = ["--seed", seed, "--out", str(folder)]
-        words += ["--map-size", str(self._map_size), "--name", type(self._executor).__name__]
-        total = math.ceil(sum(self._budget.totals.values()))
-        if (
-            total > 0
-        ):  # for the record: the spent share that is reported replaces the search's count
-            words += ["--time", str(total)]
-        try:
-            settings = shlex.split(os.environ.get(OPTIONS, ""))
-        except ValueError as error:
-            raise RuntimeError(f"{OPTIONS} is {os.environ[OPTIONS]!r}: {error}") from None
-        words += ["--strategy", ",".join([self.strategy, *settings])]
-        options, budget = " ".join(settings) or "by default", self._budget.totals or "unknown"
+        strategy_options = _strategy_options()
+        arguments = ["--seed", seed, "--out", str(folder), "--map-size", str(self._map_size)]
+        arguments += ["--name", type(self._executor).__name__]
+        arguments += ["--strategy", ",".join([self.strategy, *strategy_options])]
+        total_time = math.ceil(sum(self._budget.totals.values()))
+        if total_time > 0:
+            # Only for the campaign's record: each result reports the share that is spent.
+            arguments += ["--time", str(total_time)]
+        options_text = " ".join(strategy_options) or "by default"
         logger.info(
-            f"{name} starts: seed {seed}, options {options}, map of {self._map_size:g} m,"
-            f" budget {budget}, campaign in {folder}"
+            f"{name} starts: seed {seed}, options {options_text}, map of {self._map_size:g} m,"
+            f" budget {self._budget.totals or 'unknown'}, campaign in {folder}"
         )
         try:
-            with _Search(words) as search:
-                self._follow(search)
+            with _Search(arguments) as search:
+                self._execute_roads(search)
         finally:
-            counts = ", ".join(f"{n} {answer}" for answer, n in sorted(self._answers.items()))
+            counts = ", ".join(f"{n} {outcome}" for outcome, n in sorted(self._outcomes.items()))
             logger.info("%s ends after %s", name, counts or "no test")
 
-    def _follow(self, search: _Search) -> None:
-        """Execute the roads that the search asks for, and report their results to it."""
+    def _execute_roads(self, search: _Search) -> None:
+        """Execute the roads that the search proposes, and report their results to it."""
         while not self._is_over():
             answer = search.call("ask")
             if "candidate" not in answer:
@@ -122,43 +120,44 @@ class Generator:
             result = {"id": road["id"], **self._execute(road)}
             result["budget_spent"] = self._budget.share_spent()
             answer = search.call("tell", **result)
-            if "error" in answer:
+            if "error" in answer:  # the executor's records are unusable: only the outcome counts
                 logger.warning("road %d: nothing is learnt, as %s", road["id"], answer["error"])
                 result = {name: result[name] for name in ("id", "outcome", "budget_spent")}
                 search.call("tell", **result)
 
     def _execute(self, road: dict[str, Any]) -> dict[str, Any]:
-        """Run a road; return its result as the search takes it."""
+        """Have a road executed; return its result as the search takes it."""
         try:
             # The pipeline wants a list of tuples.
             test = self._make_test([(x, y) for x, y in road["points"]])
-            answer, description, records = self._executor.execute_test(test)
+            outcome, description, records = self._executor.execute_test(test)
         except Exception as error:
             logger.warning("road %d: the executor raised %s", road["id"], _describe(error))
             logger.debug("the executor raised", exc_info=True)
             _restart_generation_clock(self._executor)
             self._exceptions += 1
-            self._answers["exceptions"] += 1
+            self._outcomes["exceptions"] += 1
             return {"outcome": "ERROR", "reason": f"the executor raised {_describe(error)}"}
         self._exceptions = 0
-        self._answers[str(answer)] += 1
+        self._outcomes[str(outcome)] += 1
         moobd = least_oob_distance(records)
-        is_driven = str(answer) in ("PASS", "FAIL")
+        is_driven = str(outcome) in ("PASS", "FAIL")
         learnt = "nothing is learnt" if moobd is None else f"MOOBD {moobd:.2f} m"
         level = logging.WARNING if moobd is None or not is_driven else logging.INFO
-        logger.log(level, "road %d: %s, %s, %s", road["id"], answer, learnt, description)
+        logger.log(level, "road %d: %s, %s, %s", road["id"], outcome, learnt, description)
         if not is_driven:
-            return {"outcome": "ERROR", "reason": f"{answer}: {description}"}
-        result: dict[str, Any] = {"outcome": str(answer), "reason": str(description or "")}
+            return {"outcome": "ERROR", "reason": f"{outcome}: {description}"}
+        result: dict[str, Any] = {"outcome": str(outcome), "reason": str(description or "")}
         if moobd is not None:
             result.update(_course(records, road), moobd=moobd)
         return result
 
     def _is_over(self) -> bool:
-        if self._exceptions >= MOST_EXCEPTIONS:
+        """Return whether the budget is spent, or the executor raises again and again."""
+        if self._exceptions >= MAX_EXCEPTIONS:
             logger.error("the executor raised %d times in a row: giving up", self._exceptions)
             return True
-        if not hasattr(self._executor, "is_over"):  # in 2021 only the remaining time told
+        if not hasattr(self._executor, "is_over"):  # the pipeline of 2021 has none
             return self._budget.share_spent() >= 1.0
         try:
             return bool(self._executor.is_over())
@@ -169,30 +168,50 @@ class Generator:
 
 
 class FreneticGenerator(Generator):
-    """Roads that fail as no known failure does."""
+    """The default strategy: it looks for roads that fail in other ways than known failures."""
 
     strategy = "frenetic"
 
 
 class Frenetic2021Generator(Generator):
-    """Random roads, then mutants and crossovers of the worst."""
+    """The strategy of the 2021 paper: random roads, then mutants and crossovers of the worst."""
 
     strategy = "frenetic-2021"
 
 
 class RandomSearchGenerator(Generator):
-    """Random roads only, the baseline."""
+    """The baseline: random roads only."""
 
     strategy = "random"
 
 
-class _Search:
-    """``frenetic ask-tell`` in a process of its own; a context manager that ends it."""
+def _strategy_options() -> list[str]:
+    """Return the strategy's options in the environment, each NAME=VALUE.
 
-    def __init__(self, words: Sequence[str]) -> None:
-        command = [*_frenetic(), "ask-tell", *words]
-        self._line = " ".join(map(shlex.quote, command))
-        self._log = tempfile.TemporaryFile()  # noqa: SIM115  # closed with the process
+    Raises:
+        RuntimeError: the variable has a quote that is not closed.
+    """
+    text = os.environ.get(OPTIONS_VARIABLE, "")
+    try:
+        return shlex.split(text)
+    except ValueError as error:
+        raise RuntimeError(f"{OPTIONS_VARIABLE} is {text!r}: {error}") from None
+
+
+class _Search:
+    """``frenetic ask-tell`` in a process of its own; a context manager that ends it.
+
+    Args:
+        arguments: arguments of the command.
+
+    Raises:
+        RuntimeError: the command is not found, or cannot be started.
+    """
+
+    def __init__(self, arguments: Sequence[str]) -> None:
+        command = [*_frenetic_command(), "ask-tell", *arguments]
+        self._command_line = " ".join(map(shlex.quote, command))
+        self._log = tempfile.TemporaryFile()  # noqa: SIM115  # closed by `__exit__`
         try:
             self._process = subprocess.Popen(  # noqa: S603  # the user's own command
                 command,
@@ -204,14 +223,15 @@ class _Search:
         except OSError as error:
             self._log.close()
             raise RuntimeError(
-                f"{command[0]} cannot be started ({error}): set {COMMAND} to the command frenetic"
+                f"{command[0]} cannot be started ({error}): set {COMMAND_VARIABLE} to the command"
+                " frenetic"
             ) from None
 
     def call(self, request: str, **values: Any) -> dict[str, Any]:
-        """Return the answer to a request.
+        """Return the answer to a request, ``ask`` or ``tell``.
 
         Raises:
-            RuntimeError: the process has ended; the message is its last line.
+            RuntimeError: the process has ended; the message holds its last line of stderr.
         """
         assert self._process.stdin is not None
         assert self._process.stdout is not None
@@ -223,16 +243,19 @@ class _Search:
             self._end()
             self._log.seek(0)
             lines = self._log.read().decode("utf-8", "replace").split("\n")
-            last = next((line for line in reversed(lines) if line.strip()), "it said nothing")
-            raise RuntimeError(f"the search has ended: {last}; it was {self._line}") from None
+            last_line = next((line for line in reversed(lines) if line.strip()), "it said nothing")
+            raise RuntimeError(
+                f"the search has ended: {last_line}; it was {self._command_line}"
+            ) from None
         return answer
 
     def _end(self) -> None:
+        """End the process; it stores the campaign's summary when its input ends."""
         assert self._process.stdin is not None
-        with suppress(OSError):  # a request that it did not read
-            self._process.stdin.close()  # with its input, the search ends and stores its summary
+        with suppress(OSError):  # raised if the process has not read the last request
+            self._process.stdin.close()
         try:
-            self._process.wait(_PATIENCE)
+            self._process.wait(_END_TIMEOUT)
         except subprocess.TimeoutExpired:
             self._process.kill()
             self._process.wait()
@@ -247,44 +270,46 @@ class _Search:
         self._log.close()
 
 
-def _frenetic() -> list[str]:
-    """Return the command ``frenetic``.
+def _frenetic_command() -> list[str]:
+    """Return the program and arguments that start ``frenetic``.
 
     Raises:
         RuntimeError: the command is not found.
     """
-    text = os.environ.get(COMMAND, "").strip()
+    text = os.environ.get(COMMAND_VARIABLE, "").strip()
     if text:
+        # On Windows a backslash separates folders, and quotes stay around the words.
         return [word.strip('"') for word in shlex.split(text, posix=os.name != "nt")]
     program = shutil.which("frenetic")
     if program:
         return [program]
+    # A generator's own package may be called frenetic, too; ours needs msgspec.
     if importlib.util.find_spec("frenetic") and importlib.util.find_spec("msgspec"):
         return [sys.executable, "-P", "-m", "frenetic"]
     raise RuntimeError(
         f"the command frenetic is not found: install frenetic-roads on Python 3.11 or newer, and"
-        f" set {COMMAND} to its path"
+        f" set {COMMAND_VARIABLE} to its path"
     )
 
 
 class _TimeBudget:
-    """The share of an executor's time budget that is spent.
+    """The time budget of an executor, and the share of it that is spent.
 
     The pipeline of 2022 can also run with two budgets, for generation and for execution; then the
     larger share counts, since either ends the search.
 
     Args:
-        executor: knows the remaining time.
-        total: s, the whole time budget where the pipeline gives it; by default the executor's
+        executor: the pipeline's executor, which knows the remaining time.
+        total: the whole time budget in s, if the pipeline gives it; by default the executor's
             ``time_budget.time_budget``, or else the remaining time.
     """
 
     def __init__(self, executor: Any, total: float | None) -> None:
         self._executor = executor
         self._share = 0.0
-        self._is_readable = True
+        self._is_readable = True  # whether the executor's latest answer could be read
         self.totals = self._remaining()
-        """Seconds by name of each budget."""
+        """Name of each budget -> its whole time, in s."""
         for value in (total, getattr(getattr(executor, "time_budget", None), "time_budget", None)):
             number = _number(value) or 0.0
             if number > 0.0:
@@ -292,7 +317,7 @@ class _TimeBudget:
                 break
 
     def share_spent(self) -> float:
-        """Return the spent share, 0..1; the last one if the executor does not answer."""
+        """Return the spent share, 0 to 1; the last known share if the executor does not answer."""
         remaining = self._remaining()
         shares = [
             (total - remaining[name]) / total
@@ -304,34 +329,43 @@ class _TimeBudget:
         return self._share
 
     def _remaining(self) -> dict[str, float]:
+        """Return name of each budget -> remaining time in s; empty if the executor does not say."""
         try:
             answer = self._executor.get_remaining_time()
-            reason = "it tells no number"
+            reason = "its answer is no number"
         except Exception as error:
             answer, reason = {}, _describe(error)
-        named = answer if isinstance(answer, dict) else {_TIME_BUDGET: answer}
-        numbers = {name: _number(value) for name, value in named.items()}
+        values = answer if isinstance(answer, dict) else {_TIME_BUDGET: answer}
+        numbers = {name: _number(value) for name, value in values.items()}
         remaining = {name: number for name, number in numbers.items() if number is not None}
-        if not remaining and self._is_readable:
+        if not remaining and self._is_readable:  # warned of once
             logger.warning("the executor does not say what time remains: %s", reason)
         self._is_readable = bool(remaining)
         return remaining
 
 
 def least_oob_distance(records: Any) -> float | None:
-    """Return the MOOBD in m of a test's records, None if no record has a finite oob distance."""
+    """Return the MOOBD of a test's records, in m; None if no record has a finite oob distance."""
     try:
         distances = [_number(getattr(record, "oob_distance", None)) for record in records]
-    except Exception:  # no list of records
+    except Exception:  # the pipeline gives no list of records
         return None
-    return min((d for d in distances if d is not None), default=None)
+    return min((distance for distance in distances if distance is not None), default=None)
 
 
 def _course(records: Any, road: dict[str, Any]) -> dict[str, Any]:
-    """Return a drive's course for the search; nothing if the records lack a place or a speed.
+    """Return the entries of a result that describe the drive's course.
 
-    The car was furthest off at the first record with ``is_oob``, or else at the one with the least
-    oob distance.
+    These are ``records``, with a column for each signal; ``place``, the distance along the road at
+    which the car was worst, in m; and, if it left its lane, the ``side`` on which it did. Empty if
+    a record lacks a place or a speed.
+
+    The car was worst at the first record with ``is_oob``, or else at the record with the least oob
+    distance.
+
+    Args:
+        records: records of the pipeline.
+        road: the candidate as the search has sent it.
     """
     try:
         columns = {
@@ -340,52 +374,56 @@ def _course(records: Any, road: dict[str, Any]) -> dict[str, Any]:
             "y": [float(record.pos[1]) for record in records],
             "speed": [math.hypot(record.vel[0], record.vel[1]) for record in records],
         }
-        out = [bool(getattr(record, "is_oob", False)) for record in records]
-        off = [_number(getattr(record, "oob_distance", None)) for record in records]
-    except Exception:  # other records than the pipeline's
+        is_out = [bool(getattr(record, "is_oob", False)) for record in records]
+        oob_distances = [_number(getattr(record, "oob_distance", None)) for record in records]
+    except Exception:  # records of another form than the pipeline's
         return {}
     if not all(math.isfinite(value) for column in columns.values() for value in column):
         return {}
-    for name, unit in ("steering", math.radians(1.0)), ("throttle", 1.0), ("brake", 1.0):
+    degree = math.radians(1.0)  # the pipeline's unit of steering; the search takes radians
+    for name, unit in ("steering", degree), ("throttle", 1.0), ("brake", 1.0):
         column = [_number(getattr(record, name, None)) for record in records]
         if None not in column:
             columns[name] = [value * unit for value in column if value is not None]
-    distances = [math.inf if distance is None else distance for distance in off]
-    worst = out.index(True) if any(out) else distances.index(min(distances))
-    place, offset = _along(road["points"], columns["x"][worst], columns["y"][worst])
+    distances = [math.inf if distance is None else distance for distance in oob_distances]
+    worst = is_out.index(True) if any(is_out) else distances.index(min(distances))
+    place, offset = _nearest_on_line(road["points"], columns["x"][worst], columns["y"][worst])
     course: dict[str, Any] = {"records": columns, "place": place}
-    if any(out):
+    if any(is_out):
+        # The road's points are its centre line; the car's lane lies to the right of it.
         course["side"] = "left" if offset > -0.5 * road["lane_width"] else "right"
     return course
 
 
-def _along(points: Sequence[Sequence[float]], x: float, y: float) -> tuple[float, float]:
-    """Return how far along a line, and to the left of it, the point x, y lies, in m."""
-    nearest, before = (math.inf, 0.0, 0.0), 0.0
+def _nearest_on_line(points: Sequence[Sequence[float]], x: float, y: float) -> tuple[float, float]:
+    """Return how far along a line, and how far to the left of it, the place x, y lies, in m."""
+    nearest = (math.inf, 0.0, 0.0)  # distance from the line, distance along it, offset to the left
+    along = 0.0  # to the segment from a to b
     ax, ay = points[0]
     for bx, by in points[1:]:
         dx, dy = bx - ax, by - ay
         length = math.hypot(dx, dy)
         share = min(max(((x - ax) * dx + (y - ay) * dy) / length**2, 0.0), 1.0)
-        away = math.hypot(x - ax - share * dx, y - ay - share * dy)
-        side = math.copysign(away, dx * (y - ay) - dy * (x - ax))
-        nearest = min(nearest, (away, before + share * length, side))
-        before += length
+        distance = math.hypot(x - ax - share * dx, y - ay - share * dy)
+        offset = math.copysign(distance, dx * (y - ay) - dy * (x - ax))
+        nearest = min(nearest, (distance, along + share * length, offset))
+        along += length
         ax, ay = bx, by
     return nearest[1:]
 
 
 def _restart_generation_clock(executor: Any) -> None:
-    """Make an executor usable again after an exception out of `execute_test`.
+    """Make an executor usable again after `execute_test` has raised.
 
-    After one, executors of later pipelines hold None for the start of the next test's generation,
-    and every further `execute_test` would fail to subtract it.
+    Executors of later pipelines then hold None as the start of the next test's generation, which
+    every further `execute_test` would fail to subtract.
     """
     if getattr(executor, "start_generation_time", 0.0) is None:
         executor.start_generation_time = time.monotonic()
 
 
 def _number(value: Any) -> float | None:
+    """Return a value as a number; None if it is no finite number."""
     try:
         number = float(value)
     except (TypeError, ValueError, OverflowError):
@@ -394,4 +432,5 @@ def _number(value: Any) -> float | None:
 
 
 def _describe(error: Exception) -> str:
+    """Return an error's type and message."""
     return f"{type(error).__name__}: {error}"
