@@ -1,1 +1,1 @@
-"""Workers on a Dask cluster."""
+"""Workers on a Dask cluster, see `frenetic.plugins.dask.cluster`."""
