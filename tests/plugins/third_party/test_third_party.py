@@ -12,7 +12,13 @@ import pytest
 from frenetic import Controls, Driver, DriveSetup, EmbeddedSimulator, Observation, Rules
 from frenetic.errors import FreneticError
 from frenetic.parts.registry import DRIVERS
-from frenetic.plugins.third_party.vehicles import FissCar, HighwayEnvCar, OpendbcCar, OwnCar, RoxCar
+from frenetic.plugins.third_party.vehicles import (
+    FissCar,
+    HighwayEnvCar,
+    OpendbcCar,
+    PackageCar,
+    RoxCar,
+)
 from frenetic.simulators import Simulator
 from frenetic.testing import TrackerContract
 from frenetic.testing.tracker_contract import ROADS
@@ -24,7 +30,7 @@ MODULES = {
     "fiss-planner": "fiss_planner",
 }
 """Driver, whose name is also the extra -> module of its package."""
-CARS: dict[str, type[OwnCar]] = {
+CARS: dict[str, type[PackageCar]] = {
     "highway-env": HighwayEnvCar,
     "opendbc": OpendbcCar,
     "rox-control": RoxCar,

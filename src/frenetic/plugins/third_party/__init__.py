@@ -1,13 +1,16 @@
 """Third-party drivers: controllers of other projects, unmodified, from their packages.
 
-Each file holds the glue between an `Observation` and one package's own controller; ``vehicles`` has
-the packages' own cars. What the glue decides is said in each class, and for all of them:
+Each file holds the glue that turns an `Observation` into the input of one package's controller, and
+its output into `Controls`. ``vehicles`` has the cars that the packages bring. Each class says what
+its glue decides. All have in common:
 
-- The speed. Who has a speed law follows the built-in drivers' plan with it; the others take their
-  pedals. The option ``lateral`` is what the plan accepts in bends; 100 keeps the speed limit.
-- The car. What a controller asks about it, such as the wheelbase, comes from the `DriveSetup`.
+- Speed: ``fiss-planner`` plans its speed itself. The other drivers follow the built-in drivers'
+  speed plan: HighwayEnv by its own speed law, the others with the pedals of the plan. The option
+  ``lateral`` is the lateral acceleration that is accepted in bends; with 100 m/s^2, cars keep to
+  the speed limit alone.
+- Car: values that a controller needs, such as the wheelbase, come from the `DriveSetup`.
 
-Nothing here imports a package before its driver is made, so that it need not be installed.
+A package is imported when its driver is made, so packages of other drivers need not be installed.
 """
 
 from __future__ import annotations
@@ -20,14 +23,18 @@ from frenetic.drivers import DriveSetup, Planner, SpeedPlan
 from frenetic.errors import FreneticError
 
 LATERAL: Final = 4.0
-"""Lateral acceleration that a third-party driver accepts in bends by default, in m/s^2."""
+"""Default of the lateral acceleration that a driver accepts in bends, in m/s^2; our choice."""
 
 
 def package(module: str, extra: str) -> Any:
-    """A module of a package, which the extra of the driver's name brings.
+    """Import and return a module of a package.
+
+    Args:
+        module: full name of the module.
+        extra: name of the driver, and of the extra that installs the package.
 
     Raises:
-        FreneticError: it is not installed.
+        FreneticError: the package is not installed.
     """
     try:
         return import_module(module)
@@ -38,5 +45,10 @@ def package(module: str, extra: str) -> Any:
 
 
 def speed_plan(setup: DriveSetup, lateral: float) -> SpeedPlan:
-    """Return the built-in drivers' speed plan with this lateral acceleration in bends, in m/s^2."""
+    """Return the built-in drivers' speed plan.
+
+    Args:
+        setup: setup of the drive.
+        lateral: lateral acceleration that is accepted in bends, in m/s^2.
+    """
     return SpeedPlan(setup, Planner(lateral_acceleration=lateral))

@@ -1,4 +1,4 @@
-"""`fiss-planner`: trajectories by FISS+ and an MPC that tracks them (S. Sun, Apache licence)."""
+"""`fiss-planner`: trajectories by FISS+, followed by an MPC (S. Sun, Apache licence)."""
 
 from __future__ import annotations
 
@@ -9,26 +9,31 @@ from frenetic._support.bounds import Positive, check
 from frenetic.drivers import Controls, DriveSetup, Observation
 from frenetic.plugins.third_party import LATERAL, package
 
-AHEAD: Final = 1000.0
-"""Length of lane that the planner is given at once, in m."""
-_RENEWED: Final = 600.0  # m after which it is given more
+PATH_AHEAD: Final = 1000.0
+"""Length of the reference path ahead of the car, in m; our choice."""
+PATH_BEHIND: Final = 30.0
+"""Length of the reference path behind the car, in m; our choice."""
+_PATH_INTERVAL: Final = 600.0  # [m] of road after which the planner gets a new path; our choice
+_MIN_CURVATURE_SPEED: Final = 1.0  # [m/s] at which the car's curvature counts as 0; our choice
+_CALLS_PER_PLAN: Final = 2  # planning at 10 Hz, control at 20 Hz
 
 
 class FissPlanner:
-    """fiss-planner's FISS+ in one lane, with its MPC or its Stanley controller, at 10 and 20 Hz.
+    """fiss-planner's FISS+ in one lane at 10 Hz, with its MPC or Stanley controller at 20 Hz.
 
-    It plans its speed itself. The glue gives it the lane once for 600 m of road: with every new
-    reference path it forgets its plan, and one that it is given in each cycle lets the car drift.
+    The planner chooses its speed itself. It forgets its plan with every new reference path, and the
+    car drifts if it gets one in each cycle. So the glue gives it a new path only every 600 m, or
+    earlier if its view of the road is short.
 
     Args:
-        lateral: m/s^2, largest lateral acceleration of a trajectory.
-        controller: ``mpc`` or ``stanley``.
+        lateral: largest lateral acceleration of a trajectory, in m/s^2.
+        controller: controller that follows the trajectory, ``mpc`` or ``stanley``.
     """
 
     BEHAVIOUR: ClassVar[int] = 1
-    """Raised when its controls change; campaigns record it."""
+    """Version of the behaviour, increased when the controls change; campaigns record it."""
     BEHAVIOUR_PACKAGES: ClassVar[tuple[str, ...]] = ("fiss-planner",)
-    """Distributions whose versions belong to it."""
+    """Distributions whose versions belong to the behaviour, too."""
 
     def __init__(
         self, *, lateral: Positive = LATERAL, controller: Literal["mpc", "stanley"] = "mpc"
@@ -39,11 +44,8 @@ class FissPlanner:
 
     def reset(self, setup: DriveSetup) -> None:
         """Make planner and controller for the car."""
-        self._setup, car, config = (
-            setup,
-            self._fiss.VehicleParams(),
-            self._fiss.LocalPlannerConfig(),
-        )
+        self._setup = setup
+        car, config = self._fiss.VehicleParams(), self._fiss.LocalPlannerConfig()
         car.length, car.width, car.wheelbase = setup.car_length, setup.car_width, setup.wheelbase
         car.rear_axle_to_center, car.max_steer = setup.rear_axle, setup.max_steering
         car.max_speed, car.max_lat_accel = 1.5 * setup.speed_limit, self.options["lateral"]
@@ -53,24 +55,26 @@ class FissPlanner:
         config.path.lane_width = setup.lane_width
         self._planner = self._fiss.LocalPlanner(config, car)
         self._controller = self._fiss.make_controller(self.options["controller"], car)
-        self._calls, self._given, self._acceleration = 0, -math.inf, 0.0
+        self._calls, self._acceleration = 0, 0.0
+        self._path_distance = -math.inf  # [m] along the road, of the car at its latest path
 
     def act(self, observation: Observation) -> Controls:
-        """Return the controller's steering and acceleration, on the map."""
+        """Return the controller's steering and acceleration; planner and controller use the map."""
         o = observation
-        curvature = o.yaw_rate / o.speed if o.speed > 1.0 else 0.0
+        curvature = o.yaw_rate / o.speed if o.speed > _MIN_CURVATURE_SPEED else 0.0
         ego = self._fiss.EgoState(o.x, o.y, o.heading, o.speed, self._acceleration, curvature)
-        if o.distance > self._given + min(_RENEWED, 0.5 * o.view):
-            ahead, left = o.lane(ahead=AHEAD, behind=30.0).points.T
+        if o.distance > self._path_distance + min(_PATH_INTERVAL, 0.5 * o.view):
+            ahead, left = o.lane(ahead=PATH_AHEAD, behind=PATH_BEHIND).points.T
             cos, sin = math.cos(o.heading), math.sin(o.heading)
             x, y = o.x + cos * ahead - sin * left, o.y + sin * ahead + cos * left
             self._planner.set_reference_path(x, y)
-            self._given = o.distance
-        if self._calls % 2 == 0:
-            planned = self._planner.step(o.time, ego, [], o.speed_limit)
-            self._trajectory, self._since = planned.trajectory, o.time
+            self._path_distance = o.distance
+        if self._calls % _CALLS_PER_PLAN == 0:
+            no_obstacles: list[Any] = []
+            plan = self._planner.step(o.time, ego, no_obstacles, o.speed_limit)
+            self._trajectory, self._planned_at = plan.trajectory, o.time
         self._calls += 1
-        command = self._controller.compute(ego, self._trajectory, o.time - self._since)
+        command = self._controller.compute(ego, self._trajectory, o.time - self._planned_at)
         self._acceleration = command.accel
         return Controls.from_acceleration(
             command.accel, command.steer, speed=o.speed, setup=self._setup

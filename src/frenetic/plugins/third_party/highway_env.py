@@ -1,4 +1,4 @@
-"""HighwayEnv's `ControlledVehicle` (E. Leurent and others, MIT licence)."""
+"""The driver of HighwayEnv's `ControlledVehicle` (E. Leurent and others, MIT licence)."""
 
 from __future__ import annotations
 
@@ -12,18 +12,19 @@ from frenetic.plugins.third_party import LATERAL, package, speed_plan
 
 
 class HighwayEnv:
-    """HighwayEnv's ControlledVehicle: a heading loop within a position loop, and its speed loop.
+    """HighwayEnv's ControlledVehicle: a heading loop within a position loop, and a speed loop.
 
-    The glue tells it the car's wheelbase, which its own vehicle takes to be its length, 5 m.
+    The controller takes its vehicle's length, 5 m, as the wheelbase. The glue sets it to the
+    wheelbase of the car that is driven.
 
     Args:
-        lateral: m/s^2, lateral acceleration that the planned speed keeps to in bends.
+        lateral: largest lateral acceleration of the planned speed in bends, in m/s^2.
     """
 
     BEHAVIOUR: ClassVar[int] = 1
-    """Raised when its controls change; campaigns record it."""
+    """Version of the behaviour, increased when the controls change; campaigns record it."""
     BEHAVIOUR_PACKAGES: ClassVar[tuple[str, ...]] = ("highway-env",)
-    """Distributions whose versions belong to it."""
+    """Distributions whose versions belong to the behaviour, too."""
 
     def __init__(self, *, lateral: Positive = LATERAL) -> None:
         check(locals(), HighwayEnv.__init__)
@@ -32,7 +33,7 @@ class HighwayEnv:
         self._controller = package("highway_env.vehicle.controller", "highway-env")
 
     def reset(self, setup: DriveSetup) -> None:
-        """Put its vehicle onto an endless lane."""
+        """Put the controller's vehicle onto a lane without end."""
         self._setup, self._plan = setup, speed_plan(setup, self.options["lateral"])
         self._lane, network = _HighwayLane(), self._road.RoadNetwork()
         network.add_lane("here", "there", self._lane)
@@ -52,9 +53,13 @@ class HighwayEnv:
 
 
 class _HighwayLane:
-    """The lane as its vehicle asks about it: distance ahead of the car, offset to the left."""
+    """The ego lane with the methods of a HighwayEnv lane that the controller calls.
+
+    Its coordinates are the distance ahead of the car along the lane, and the offset to the left.
+    """
 
     observation: Observation | None = None
+    """Latest observation; None before the first call of `HighwayEnv.act`."""
 
     def local_coordinates(self, _: object) -> tuple[float, float]:
         return 0.0, 0.0 if self.observation is None else self.observation.lateral_offset

@@ -1,4 +1,4 @@
-"""comma.ai's `opendbc`: the limits and the vehicle model that steer cars on roads (MIT licence)."""
+"""comma.ai's `opendbc`: a vehicle model and steering limits of real cars (MIT licence)."""
 
 from __future__ import annotations
 
@@ -10,31 +10,35 @@ from frenetic.drivers import Controls, DriveSetup, Observation
 from frenetic.plugins.third_party import package, speed_plan
 
 PREVIEW: Final = 0.2
-"""How far ahead the lane's curvature is taken, in s."""
-RETURN: Final = 1.0
-"""Rate at which the car returns to the lane's centre, in 1/s."""
-_MASS: Final = 1500.0  # kg, where the simulator does not say
-_STIFFNESS: Final = 1e5  # N/rad of both axles
+"""Time ahead of the car at which the lane's curvature is taken, in s; our choice."""
+RETURN_RATE: Final = 1.0
+"""Rate at which the car returns to the lane's centre, in 1/s; our choice."""
+# Of a car about which the simulator does not say them, our choice:
+_MASS: Final = 1500.0  # [kg]
+_STIFFNESS: Final = 1e5  # [N/rad] of an axle, per m from the centre of mass to the other axle
+_MIN_SPEED: Final = 3.0  # [m/s] by which the law divides at least, our choice
+_TESLA_STEER_RATIO: Final = 12.0  # angle of the steering wheel to angle of the front wheels
 
 
 class Opendbc:
-    """The lateral limits of a Tesla in opendbc and its vehicle model, under a curvature law.
+    """opendbc's vehicle model and its steering limits of a Tesla, under our curvature law.
 
-    The law is the glue's, as openpilot's planner is not in the package: the lane's curvature a
-    moment ahead and a critically damped return to its centre. opendbc turns curvature into an angle
-    and limits its lateral acceleration (3.6 m/s^2), jerk and rate.
+    openpilot's planner is not in the package, so the glue has a law of its own: the curvature of
+    the lane a moment ahead, with a critically damped return to the lane's centre. opendbc turns the
+    curvature into an angle of the steering wheel, and limits lateral acceleration (3.6 m/s^2), jerk
+    and rate.
 
     Args:
-        lateral: m/s^2, lateral acceleration that the planned speed keeps to in bends.
+        lateral: largest lateral acceleration of the planned speed in bends, in m/s^2.
     """
 
     BEHAVIOUR: ClassVar[int] = 1
-    """Raised when its controls change; campaigns record it."""
+    """Version of the behaviour, increased when the controls change; campaigns record it."""
     BEHAVIOUR_PACKAGES: ClassVar[tuple[str, ...]] = ("opendbc",)
-    """Distributions whose versions belong to it."""
+    """Distributions whose versions belong to the behaviour, too."""
 
     period: ClassVar[float] = 0.02
-    """s: the 50 Hz at which a Tesla is steered."""
+    """Time between two calls of `act`, in s: a Tesla is steered at 50 Hz."""
 
     def __init__(self, *, lateral: Positive = 3.0) -> None:
         check(locals(), Opendbc.__init__)
@@ -42,11 +46,12 @@ class Opendbc:
         self._params = package("opendbc.car.structs", "opendbc").CarParams
         self._model = package("opendbc.car.vehicle_model", "opendbc").VehicleModel
         self._limits = package("opendbc.car.tesla.values", "opendbc").CarControllerParams
-        self._limited = package("opendbc.car.lateral", "opendbc").apply_steer_angle_limits_vm
+        self._limit_angle = package("opendbc.car.lateral", "opendbc").apply_steer_angle_limits_vm
 
     def reset(self, setup: DriveSetup) -> None:
         """Make opendbc's model of the car."""
-        self._plan, self._angle = speed_plan(setup, self.options["lateral"]), 0.0
+        self._plan = speed_plan(setup, self.options["lateral"])
+        self._angle = 0.0  # [degrees] of the steering wheel, as last limited
         front, rear = setup.front_axle, setup.rear_axle
         self._car = self._model(
             self._params.new_message(
@@ -54,22 +59,27 @@ class Opendbc:
                 rotationalInertia=setup.yaw_inertia or _MASS * front * rear,
                 wheelbase=setup.wheelbase,
                 centerToFront=front,
-                steerRatio=12.0,  # the Tesla's ratio
+                steerRatio=_TESLA_STEER_RATIO,
                 tireStiffnessFront=setup.front_cornering_stiffness or _STIFFNESS * rear,
                 tireStiffnessRear=setup.rear_cornering_stiffness or _STIFFNESS * front,
             )
         )
 
     def act(self, observation: Observation) -> Controls:
-        """Return the angle of the steering wheel, limited."""
-        speed = max(observation.speed, 3.0)
+        """Return the limited steering, and the pedals of the speed plan."""
+        speed = max(observation.speed, _MIN_SPEED)
         lane = observation.lane(spacing=1.0, ahead=PREVIEW * speed + 1.0)
+        # With offset y, rate r and speed v: y'' + 2 r y' + r^2 y = 0, where y' = v sin(course) and
+        # v^2 times the curvature beyond the lane's is y''.
         course = observation.heading_error + math.atan2(observation.lateral_speed, speed)
-        back = 2.0 * math.sin(course) + RETURN * observation.lateral_offset / speed
-        curvature = lane.curvatures[-2:].mean() - RETURN * back / speed
-        wanted = math.degrees(self._car.get_steer_from_curvature(curvature, speed, 0.0))
+        damped_offset = 2.0 * math.sin(course) + RETURN_RATE * observation.lateral_offset / speed
+        curvature = lane.curvatures[-2:].mean() - RETURN_RATE * damped_offset / speed
+        no_roll = 0.0
+        # In degrees at the steering wheel:
+        wanted = math.degrees(self._car.get_steer_from_curvature(curvature, speed, no_roll))
         measured = math.degrees(observation.steering) * self._car.sR
-        self._angle = self._limited(
-            wanted, self._angle, observation.speed, measured, True, self._limits, self._car
+        is_active = True
+        self._angle = self._limit_angle(
+            wanted, self._angle, observation.speed, measured, is_active, self._limits, self._car
         )
         return self._plan.controls(observation, math.radians(self._angle) / self._car.sR)

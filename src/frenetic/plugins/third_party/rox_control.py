@@ -1,4 +1,4 @@
-"""ROX Automation's `rox-control`: pure pursuit (MIT licence)."""
+"""The pure pursuit of ROX Automation's `rox-control` (MIT licence)."""
 
 from __future__ import annotations
 
@@ -11,28 +11,31 @@ from frenetic.drivers import Controls, DriveSetup, Observation
 from frenetic.plugins.third_party import LATERAL, package, speed_plan
 
 AHEAD: Final = 60.0
-"""Length of track that it is shown, in m."""
+"""Length of the track that the controller gets, in m; our choice."""
 SPACING: Final = 5.0
-"""Distance between the track's points, in m."""
+"""Distance between two points of the track, in m; our choice."""
 
 
 class RoxControl:
     """rox-control's PurePursuitA, whose target is a fixed distance ahead of the rear axle.
 
-    It steers in proportion to the angle to the target. The glue chooses the gain 2 / `look_ahead`,
-    with which that is pure pursuit (R. C. Coulter, CMU-RI-TR-92-01) for small angles, and shows it
-    60 m of track. It looks for its place on the lines through the track's segments instead of the
-    segments, and so at times takes a target far ahead; then it goes straight on for a moment.
+    The controller steers in proportion to the angle to the target. The glue chooses the gain
+    2 / `look_ahead`, which makes this pure pursuit (R. C. Coulter, CMU-RI-TR-92-01) for small
+    angles. It gives the controller 60 m of track.
+
+    A weakness of the controller: it looks for the nearest point of the track on the lines through
+    the segments rather than on the segments. So it at times takes a target far ahead, and drives
+    straight on for a moment.
 
     Args:
-        lateral: m/s^2, lateral acceleration that the planned speed keeps to in bends.
-        look_ahead: m from the rear axle to the target.
+        lateral: largest lateral acceleration of the planned speed in bends, in m/s^2.
+        look_ahead: distance from the rear axle to the target, in m.
     """
 
     BEHAVIOUR: ClassVar[int] = 1
-    """Raised when its controls change; campaigns record it."""
+    """Version of the behaviour, increased when the controls change; campaigns record it."""
     BEHAVIOUR_PACKAGES: ClassVar[tuple[str, ...]] = ("rox-control",)
-    """Distributions whose versions belong to it."""
+    """Distributions whose versions belong to the behaviour, too."""
 
     def __init__(self, *, lateral: Positive = LATERAL, look_ahead: Positive = 8.0) -> None:
         check(locals(), RoxControl.__init__)
@@ -43,15 +46,17 @@ class RoxControl:
     def reset(self, setup: DriveSetup) -> None:
         """Make the controller."""
         self._setup, self._plan = setup, speed_plan(setup, self.options["lateral"])
-        reach = self.options["look_ahead"]
+        look_ahead = self.options["look_ahead"]
         self._pursuit = self._controllers.PurePursuitA(
-            look_ahead_distance=reach, proportional_gain=2.0 / reach
+            look_ahead_distance=look_ahead, proportional_gain=2.0 / look_ahead
         )
 
     def act(self, observation: Observation) -> Controls:
-        """Return the curvature to drive, in the frame of the rear axle."""
+        """Return the steering for the controller's curvature, and the pedals of the speed plan."""
         lane = observation.lane(spacing=SPACING, ahead=AHEAD, behind=SPACING)
+        # In the frame of the rear axle, which stands at the origin.
         rear = self._setup.rear_axle
         self._pursuit.set_track(self._track([(x + rear, y) for x, y in lane.points.tolist()]))
-        curvature = self._pursuit.control(SimpleNamespace(x=0.0, y=0.0, theta=0.0)).curvature
+        rear_axle_pose = SimpleNamespace(x=0.0, y=0.0, theta=0.0)
+        curvature = self._pursuit.control(rear_axle_pose).curvature
         return self._plan.controls(observation, math.atan(curvature * self._setup.wheelbase))
