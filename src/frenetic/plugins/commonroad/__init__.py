@@ -1,7 +1,7 @@
 """CommonRoad's multi-body car as a simulator.
 
-Nothing here imports the package ``vehiclemodels`` before a drive starts, so that it need not be
-installed.
+The package ``vehiclemodels`` is imported when the simulator is entered, so it need not be
+installed for other simulators.
 """
 
 from frenetic.plugins.commonroad.simulator import CommonRoadSimulator

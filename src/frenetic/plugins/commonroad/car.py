@@ -1,30 +1,33 @@
-"""The car: the only module that knows the package ``vehiclemodels``.
+"""CommonRoad's car; this module alone imports the package ``vehiclemodels``.
 
-M. Althoff, G. Würsching, "CommonRoad: Vehicle Models", 2020. Its multi-body model has 29 states:
-body and axles that roll, pitch and heave, four wheels that spin, and Pacejka tyres with combined
-slip. A state begins like this, in SI units:
+M. Althoff, G. Würsching, "CommonRoad: Vehicle Models", 2020. The package's multi-body model has 29
+states: body and axles that roll, pitch and heave, four wheels that spin, and Pacejka tyres with
+combined slip. The states that this module uses:
 
-    ===== ====================================
-    index meaning
-    ===== ====================================
-    0, 1  m, centre of mass
-    2     rad, angle of the front wheels
-    3     m/s, along the car
-    4     rad, heading
-    5     rad/s, yaw rate
-    10    m/s, across the car
-    23-26 rad/s, the wheels' rotation
-    ===== ====================================
+    ====== ====================================================
+    index  state
+    ====== ====================================================
+    0, 1   place of the centre of mass, in m
+    2      angle of the front wheels, in rad
+    3      speed along the car, in m/s
+    4      heading, in rad
+    5      yaw rate, in rad/s
+    6      roll angle, in rad
+    10     speed across the car, to the left, in m/s
+    23-26  rotation of the wheels, in rad/s
+    ====== ====================================================
 
-A rolling wheel's slip decays at 4,500/s divided by the speed in m/s, half as fast again under full
-braking, so steps of the Runge-Kutta method, which is stable up to 2.78, have to be the shorter the
-slower the car is. Below `KINEMATIC_SPEED` the kinematic single-track model of the same package
-takes over; its speed is the speed of the centre of mass: wheels do not slip there. It does so in a
-spin that is so fast that an inner wheel rolls backwards, too, which the multi-body model cannot.
+**Slow cars.** The slip of a rolling wheel decays at 4,500/s divided by the speed in m/s, and half
+as fast again under full braking. The Runge-Kutta method is stable while this rate times the step is
+at most 2.78, so the slower the car, the shorter the steps. Below `KINEMATIC_SPEED` the kinematic
+single-track model of the same package is used instead. It has states 0 to 4; its speed is the
+speed of the centre of mass, and its wheels do not slip. It is also used in a spin that is so fast
+that an inner wheel rolls backwards, which the multi-body model cannot do.
 
-The multi-body model holds wheels on the ground: one that would lift has a negative load. With our
-tyre functions around its own such a wheel has next to no grip; with theirs it would be driven round
-by a friction along its sliding. A car that rolls over is braked to a stop.
+**Wheels that lift.** The multi-body model holds all wheels on the ground: a wheel that would lift
+has a negative load. The package's tyre functions would then push the wheel along its sliding. Our
+functions around them give it next to no load, and so next to no grip. A car that rolls over is
+braked to a stop.
 """
 
 from __future__ import annotations
@@ -46,36 +49,51 @@ from frenetic.road import Pose
 from frenetic.simulators.embedded.vehicle import Vehicle
 from frenetic.simulators.stepped import Motion
 
+# All values are our choice.
 PERIOD: Final = 0.01
-"""Time by which the car is moved on at once, in s."""
+"""Time by which `CommonRoadCar.advance` moves the car on, in s."""
 KINEMATIC_SPEED: Final = 3.0
-"""Speed from which on the multi-body model holds, in m/s."""
+"""Speed from which on the multi-body model is used, in m/s."""
 LEAVING_SPEED: Final = 2.8
-"""Speed below which it is left again, in m/s."""
+"""Speed below which the multi-body model is left again, in m/s."""
 _STEPS: Final = ((8.0, 10), (math.inf, 4))
-"""Speed in m/s below which a period has so many steps."""
-SLIP: Final = 0.15
-"""Longitudinal slip of a wheel at which brake or throttle let go of all of them."""
-ROLL: Final = 0.3
+"""Speed in m/s -> number of steps of a period below that speed."""
+MAX_SLIP: Final = 0.15
+"""Longitudinal slip of a wheel from which on brake, or throttle, lets go of all wheels."""
+MAX_ROLL: Final = 0.3
 """Roll angle beyond which the car has rolled over, in rad; on four wheels it is below 0.12."""
-LEAST_LOAD: Final = 1.0
-"""Load that is left to a wheel that would lift, in N."""
+MIN_LOAD: Final = 1.0
+"""Load of a wheel that would lift, in N."""
+_SPIN_SHARE: Final = 0.55
+"""Share of track width times yaw rate below whose speed the kinematic model is used.
+
+At a share of 0.5 an inner wheel stands; at less it rolls backwards.
+"""
+
+# Indices of the state, see above.
+_STEERING, _SPEED = 2, 3
+_YAW_RATE, _ROLL, _LATERAL_SPEED = 5, 6, 10
+_WHEELS = slice(23, 27)
+_KINEMATIC_STATES: Final = 5  # of the kinematic model; the multi-body model has 29
 
 _Dynamics: TypeAlias = Callable[[list[float], list[float], Any], list[float]]
 
 
 def _longitudinal(kappa: float, gamma: float, load: float, p: Any) -> Any:
-    return tire_model.formula_longitudinal(kappa, gamma, max(load, LEAST_LOAD), p)
+    """Return the package's longitudinal force of a tyre, with at least `MIN_LOAD`."""
+    return tire_model.formula_longitudinal(kappa, gamma, max(load, MIN_LOAD), p)
 
 
 def _lateral(alpha: float, gamma: float, load: float, p: Any) -> Any:
-    return tire_model.formula_lateral(alpha, gamma, max(load, LEAST_LOAD), p)
+    """Return the package's lateral force of a tyre, with at least `MIN_LOAD`."""
+    return tire_model.formula_lateral(alpha, gamma, max(load, MIN_LOAD), p)
 
 
-def _combined(
+def _lateral_combined(
     kappa: float, alpha: float, gamma: float, mu: float, load: float, pure: float, p: Any
 ) -> Any:
-    load = max(load, LEAST_LOAD)
+    """Return the package's lateral force at combined slip, with at least `MIN_LOAD`."""
+    load = max(load, MIN_LOAD)
     return tire_model.formula_lateral_comb(kappa, alpha, gamma, mu, load, pure, p)
 
 
@@ -83,85 +101,82 @@ _TYRES: Final = SimpleNamespace(
     formula_longitudinal=_longitudinal,
     formula_lateral=_lateral,
     formula_longitudinal_comb=tire_model.formula_longitudinal_comb,
-    formula_lateral_comb=_combined,
+    formula_lateral_comb=_lateral_combined,
 )
+# A copy of the package's function that finds our tyres under the name of its module.
 multi_body: Final[_Dynamics] = FunctionType(
     vehicle_dynamics_mb.__code__, {**vehicle_dynamics_mb.__globals__, "tireModel": _TYRES}
 )
-"""The package's multi-body model with these tyres."""
+"""The package's multi-body model with our tyre functions: slopes of the 29 states."""
 
 
 class CommonRoadCar:
-    """A car that stands, or rolls straight on.
+    """A car, which at first stands or rolls straight on.
 
     Args:
-        pose: of its centre of mass.
+        pose: pose of its centre of mass.
         vehicle: its engine, brakes and steering.
-        speed: m/s.
+        speed: its speed, in m/s.
     """
 
     def __init__(self, pose: Pose, vehicle: Vehicle, speed: float = 0.0) -> None:
         self._p = parameters_vehicle2()
         self._vehicle = vehicle
-        # The wheels' own inertia takes its share of a pedal: the car gets what a driver is told.
+        # Part of the engine's and brakes' effort turns the wheels. With more effort the car
+        # gets the acceleration of the `DriveSetup`.
         self._effort = 1.0 + 4.0 * self._p.I_y_w / (self._p.m * self._p.R_w**2)
         self._state = np.array([pose.x, pose.y, 0.0, speed, pose.heading])
         self._has_rolled_over = False
 
     @property
+    def _is_multi_body(self) -> bool:
+        """Whether the state is one of the multi-body model rather than the kinematic one."""
+        return len(self._state) > _KINEMATIC_STATES
+
+    @property
     def motion(self) -> Motion:
-        """Its place and motion."""
-        x, y, steering, speed, heading, *others = self._state.tolist()
-        if others:
-            return Motion(x, y, heading, speed, others[5], others[0], steering)
+        """Pose, speeds and yaw rate of the centre of mass, and the front wheels' angle."""
+        state: list[float] = self._state.tolist()
+        x, y, steering, speed, heading = state[:_KINEMATIC_STATES]
+        if self._is_multi_body:
+            return Motion(x, y, heading, speed, state[_LATERAL_SPEED], state[_YAW_RATE], steering)
         slip = self._kinematic_slip(steering)
         ahead, left = speed * math.cos(slip), speed * math.sin(slip)
         return Motion(x, y, heading, ahead, left, left / self._p.b, steering)
 
     def _kinematic_slip(self, steering: float) -> float:
+        """Return the angle between the car and the motion of its centre of mass, in rad."""
         return math.atan(math.tan(steering) * self._p.b / (self._p.a + self._p.b))
 
     def advance(self, steering: float, throttle: float, brake: float) -> None:
-        """Move it on by a period."""
+        """Move the car on by a `PERIOD`."""
         self._choose_model()
         if self._has_rolled_over:
-            steering, throttle, brake = float(self._state[2]), 0.0, 1.0
-        speed = float(self._state[3])
-        steps = next(steps for below, steps in _STEPS if speed < below)
+            steering, throttle, brake = float(self._state[_STEERING]), 0.0, 1.0
+        speed = float(self._state[_SPEED])
+        steps = next(steps for speed_limit, steps in _STEPS if speed < speed_limit)
         for _ in range(steps):
             self._step(steering, throttle, brake, PERIOD / steps)
 
     def _choose_model(self) -> None:
-        x, y, steering, speed, heading, *others = self._state.tolist()
-        if others:
-            self._has_rolled_over = abs(others[1]) > ROLL
-            least = max(LEAVING_SPEED, 0.55 * self._p.T_f * abs(others[0]))
-            if speed < least or self._has_rolled_over:
-                speed = math.hypot(speed, others[5])
+        """Change to the other model's state, where speed, spin or roll ask for it."""
+        state: list[float] = self._state.tolist()
+        x, y, steering, speed, heading = state[:_KINEMATIC_STATES]
+        if self._is_multi_body:
+            self._has_rolled_over = abs(state[_ROLL]) > MAX_ROLL
+            spin_speed = _SPIN_SHARE * self._p.T_f * abs(state[_YAW_RATE])
+            if speed < max(LEAVING_SPEED, spin_speed) or self._has_rolled_over:
+                speed = math.hypot(speed, state[_LATERAL_SPEED])
                 self._state = np.array([x, y, steering, speed, heading])
         elif speed >= KINEMATIC_SPEED and not self._has_rolled_over:
             core = [x, y, steering, speed, heading, self.motion.yaw_rate]
             self._state = np.array(init_mb([*core, self._kinematic_slip(steering)], self._p), float)
 
     def _step(self, steering: float, throttle: float, brake: float, dt: float) -> None:
-        """One step of the classical Runge-Kutta method (RK4)."""
-        car, state = self._vehicle, self._state
-        wheels, speed = state[2], max(state[3], 0.0)
-        rate = (steering - wheels) / car.steering_lag
-        engine = car.engine_acceleration * min(car.switch_speed / max(speed, 1e-9), 1.0)
-        acceleration = throttle * engine - brake * car.brake_deceleration
-        if len(state) > 5:
-            acceleration *= self._effort
-            rolling = state[23:27] * self._p.R_w
-            if rolling.max() > (1.0 + SLIP) * speed:
-                acceleration = min(acceleration, 0.0)
-            if rolling.min() < (1.0 - SLIP) * speed:
-                acceleration = max(acceleration, 0.0)
-        elif speed == 0.0:
-            acceleration = max(acceleration, 0.0)
-        inputs = [min(max(rate, -car.steering_rate), car.steering_rate), acceleration]
-
-        dynamics = multi_body if len(state) > 5 else vehicle_dynamics_ks_cog
+        """Move the car on by dt s, by the classical Runge-Kutta method (RK4)."""
+        state = self._state
+        inputs = self._inputs(steering, throttle, brake)
+        dynamics = multi_body if self._is_multi_body else vehicle_dynamics_ks_cog
 
         def slope(at: FloatArray) -> FloatArray:
             return np.array(dynamics(at.tolist(), inputs, self._p))
@@ -172,6 +187,25 @@ class CommonRoadCar:
         d = slope(state + dt * c)
         self._state = state + dt / 6.0 * (a + 2.0 * (b + c) + d)
         # Wheels do not turn backwards, and the car has no reverse gear.
-        self._state[23:27] = np.maximum(self._state[23:27], 0.0)
-        if len(self._state) == 5:
-            self._state[3] = max(self._state[3], 0.0)
+        if self._is_multi_body:
+            self._state[_WHEELS] = np.maximum(self._state[_WHEELS], 0.0)
+        else:
+            self._state[_SPEED] = max(self._state[_SPEED], 0.0)
+
+    def _inputs(self, steering: float, throttle: float, brake: float) -> list[float]:
+        """Return the inputs of both models: rate of the wheels' angle in rad/s, and acceleration."""
+        car, state = self._vehicle, self._state
+        speed = max(state[_SPEED], 0.0)
+        rate = (steering - state[_STEERING]) / car.steering_lag
+        engine = car.engine_acceleration * min(car.switch_speed / max(speed, 1e-9), 1.0)
+        acceleration = throttle * engine - brake * car.brake_deceleration
+        if self._is_multi_body:
+            acceleration *= self._effort
+            rolling_speeds = state[_WHEELS] * self._p.R_w
+            if rolling_speeds.max() > (1.0 + MAX_SLIP) * speed:
+                acceleration = min(acceleration, 0.0)
+            if rolling_speeds.min() < (1.0 - MAX_SLIP) * speed:
+                acceleration = max(acceleration, 0.0)
+        elif speed == 0.0:
+            acceleration = max(acceleration, 0.0)
+        return [min(max(rate, -car.steering_rate), car.steering_rate), acceleration]

@@ -20,30 +20,30 @@ if TYPE_CHECKING:
     from frenetic.plugins.commonroad.car import CommonRoadCar
 
 VEHICLE: Final = Vehicle()
-"""The embedded simulator's car: the same BMW 320i, whose engine, brakes and steering it has."""
+"""The embedded simulator's car, a BMW 320i like CommonRoad's; it gives engine, brakes, steering."""
 
 
 class CommonRoadSimulator(SteppedSimulator):
     """CommonRoad's multi-body model of a BMW 320i, 29 states; needs the extra ``commonroad``.
 
-    Engine, brakes and steering come from the embedded simulator's default car: a driver finds
-    the same car with other physics. Brake and throttle let go of all wheels while one slips, and
-    neither air nor rolling slow it.
+    Engine, brakes and steering come from the embedded simulator's default car, so a driver gets
+    the same car with other physics. Brake and throttle let go of all wheels while a wheel slips.
+    There is no drag of air or rolling.
 
     Args:
         rules: speed limit, oob tolerance and when a drive ends.
-        wall_limit: s of wall time that a drive may take; then it is an ERROR.
-        steering_lag: s, time constant of the steering.
+        wall_limit: wall time that a drive may take, in s; a longer drive is an ERROR.
+        steering_lag: time constant of the steering, in s.
         start_offset: as for `SteppedSimulator`.
         start_heading: as for `SteppedSimulator`.
     """
 
     needs: Final = ("vehiclemodels",)
-    """Modules that the extra brings."""
+    """Modules that the extra ``commonroad`` installs."""
     BEHAVIOUR: ClassVar[int] = 1
-    """Raised when its drives change; campaigns record it."""
+    """Version of the behaviour, increased when drives change; campaigns record it."""
     BEHAVIOUR_PACKAGES: ClassVar[tuple[str, ...]] = ("commonroad-vehicle-models",)
-    """Distributions whose versions belong to it."""
+    """Distributions whose versions belong to the behaviour, too."""
 
     car = VEHICLE.body()
     steering_lag = Amount[float]("lag", VEHICLE.steering_lag)
@@ -69,7 +69,7 @@ class CommonRoadSimulator(SteppedSimulator):
 
     @property
     def options(self) -> Mapping[str, Any]:
-        """Its unusual conditions."""
+        """Amounts of conditions that differ from their defaults."""
         return unusual_amounts(self)
 
     def setup(self, road: Road) -> DriveSetup:
@@ -82,15 +82,20 @@ class CommonRoadSimulator(SteppedSimulator):
         return replace(VEHICLE, steering_lag=self.steering_lag)
 
     def __enter__(self) -> Self:
-        """Load the model.
+        """Import the model.
 
         Raises:
-            FreneticError: the extra is missing.
+            FreneticError: the extra ``commonroad`` is not installed.
         """
         self._car_class()
         return self
 
     def _car_class(self) -> type[CommonRoadCar]:
+        """Import and return the car's class.
+
+        Raises:
+            FreneticError: the extra ``commonroad`` is not installed.
+        """
         try:
             from frenetic.plugins.commonroad.car import CommonRoadCar  # imports the extra
         except ModuleNotFoundError as error:
@@ -106,7 +111,7 @@ class CommonRoadSimulator(SteppedSimulator):
         return self._car.motion
 
     def step(self, steering: float, throttle: float, brake: float, seconds: float) -> Motion:
-        """Move the car on.
+        """Move the car on by a time, in s.
 
         Raises:
             ArithmeticError: the model broke, as in a spin at walking pace.
