@@ -193,7 +193,7 @@ class CommonRoadCar:
             self._state[_SPEED] = max(self._state[_SPEED], 0.0)
 
     def _inputs(self, steering: float, throttle: float, brake: float) -> list[float]:
-        """Return the inputs of both models: rate of the wheels' angle in rad/s, and acceleration."""
+        """Return the inputs of a model: the wheels' rate in rad/s, the acceleration in m/s^2."""
         car, state = self._vehicle, self._state
         speed = max(state[_SPEED], 0.0)
         rate = (steering - state[_STEERING]) / car.steering_lag

@@ -1,4 +1,4 @@
-"""The intervals in which recorded drives leave the parameters of a fitted twin."""
+"""The uncertainty of a twin's fitted parameters: intervals of values that the drives allow."""
 
 from __future__ import annotations
 
@@ -26,14 +26,18 @@ def fitted_parameters(
     drives: Sequence[RecordedDrive],
     other_fits: Sequence[FloatArray],
 ) -> list[Fitted]:
-    """Return what the drives say about each parameter.
+    """Return each parameter with its fitted value and its interval.
 
-    A value explains the drives as well as the best one if the loss with it is larger by no more
-    than 1.96 standard errors of that difference. It is tried alone, and with the other parameters
-    moved as the slopes say that they make up for it. The interval holds the values that are as good
-    and the values of other fits, and is widened to the next value that was worse: what lies between
-    was not driven. A parameter is determined if its interval is less than half as wide as its
-    bounds and does not end at one of them: beyond a bound, values may be as good.
+    The interval holds the fitted value, the values of other fits, and each tried value that
+    explains the drives as well as the fitted one. It is widened to the next tried value that is
+    worse, since no value between them was tried.
+
+    A value explains the drives as well if the loss with it is larger by at most 1.96 standard
+    errors of the difference. It is tried alone, and with the other parameters moved so that they
+    make up for it as far as the slopes say.
+
+    A parameter is determined if its interval is less than half as wide as its bounds, and does not
+    end at one of them: values beyond a bound may be as good.
 
     Args:
         fit: the fit of the model.
@@ -45,7 +49,7 @@ def fitted_parameters(
     fitted = []
     for k, parameter in enumerate(fit.model.parameters):
         low, high = search.ends(k, [float(values[k]) for values in other_fits])
-        # At both bounds the interval is all that was searched: it is merely too wide.
+        # An interval that ends at both bounds is only too wide: no single bound decides.
         at_bound = (low < _BOUND_DISTANCE) != (1.0 - high < _BOUND_DISTANCE)
         fitted.append(
             Fitted(
