@@ -70,22 +70,28 @@ def run_all(
                     process.send("run", absolute, limit=math.inf, answer=RunEnding, report=Progress)
                 for process in ready(running, _POLL_INTERVAL):
                     run = running[process]
-                    try:
-                        messages = process.receive()
-                    except LostProcessError as error:
-                        logger.debug("%s: %s\n%s", run.name, error, error.trouble.traceback)
-                        messages = [RunState(run, None, str(error))]
-                    for message in filter(None, messages):
-                        if isinstance(message, Progress):
-                            yield run, message.summary()
-                            continue
-                        process.kill()
-                        del running[process]
-                        is_ending = isinstance(message, RunEnding)
-                        yield run, RunState(run, message) if is_ending else message
+                    for message in _received(process, run):
+                        if isinstance(message, RunState):
+                            process.kill()
+                            del running[process]
+                        yield run, message
         finally:
             for process in running:
                 process.kill()
+
+
+def _received(process: ObjectProcess, run: EntrantRun) -> list[Summary | RunState]:
+    """Return what a run's process has sent: summaries, and the state of a run that has ended."""
+    try:
+        messages = process.receive()
+    except LostProcessError as error:
+        logger.debug("%s: %s\n%s", run.name, error, error.trouble.traceback)
+        return [RunState(run, ending=None, trouble=str(error))]
+    return [
+        message.summary() if isinstance(message, Progress) else RunState(run, ending=message)
+        for message in messages
+        if message is not None  # None is the answer to `_Runner.start`
+    ]
 
 
 class _Runner:
