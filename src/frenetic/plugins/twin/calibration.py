@@ -126,17 +126,17 @@ def calibrate(
     compile_kernels()
     with threadpool_limits(1):  # threads would wait for each other on small matrices
         fit.residuals_by_drive(start, drives[:1])  # raises if the driver breaks
-        unfitted = drive_roads(fit, start, drives)
-        held_out, score, fold_values = _cross_validate(
+        unfitted_drives = drive_roads(fit, start, drives)
+        held_out_drives, score, fold_values = _cross_validate(
             fit, start, drives, folds, lambda done: on_progress(done, fit_count)
         )
         best = _best(fit, [start, *fold_values], drives)
         fitted = fitted_parameters(fit, best, drives, fold_values)
         on_progress(fit_count, fit_count)
-    twin = figures_of(score, failed, held_out)
-    baselines = _baselines(drives, _scores(unfitted), failed)
+    twin_figures = figures_of(score, failed, held_out_drives)
+    baselines = _baselines(drives, _scores(unfitted_drives), failed)
     interval = auc_interval(score, failed, group_labels(drives))
-    verdict, reason = verdict_of(twin, failed, interval, baselines)
+    verdict, reason = verdict_of(twin_figures, failed, interval, baselines)
     return TwinProfile.of(
         name,
         model.spec({parameter.name: parameter.value for parameter in fitted}, terms.spec),
@@ -146,7 +146,7 @@ def calibrate(
             drives=len(drives),
             failures=int(failed.sum()),
             by="run" if by_run else "road",
-            twin=twin,
+            twin=twin_figures,
             baselines=baselines,
             verdict=verdict,
             reason=reason,

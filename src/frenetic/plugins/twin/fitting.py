@@ -162,7 +162,7 @@ class Fit:
     def _descend(
         self, start: FloatArray, drives: Sequence[RecordedDrive], stage: _FitStage
     ) -> tuple[float, FloatArray]:
-        """Return loss and unit values after a stage's steps from a start."""
+        """Return loss and unit values after a stage's steps from a start, none of them upwards."""
         point = self._point(start, drives)
         if point is None:
             return math.inf, start
@@ -170,7 +170,7 @@ class Fit:
         for _ in range(stage.steps):
             slopes = self.slopes(point, drives, width)
             lower, damping_taken = self._lower_point(point, slopes, drives, damping)
-            if lower is None:
+            if lower is None:  # slopes over a shorter width may lead to one
                 width *= _FAILURE_SHRINK
                 if width < _MIN_SLOPE_WIDTH:
                     break
@@ -204,8 +204,9 @@ class Fit:
     def slopes(self, point: FitPoint, drives: Sequence[RecordedDrive], width: float) -> FloatArray:
         """Return the slopes of the residuals by the unit values, (m, p).
 
-        A slope is the difference over ``width``, towards the middle of the bounds. It is 0 where
-        the moved value has no twin, so the step leaves that parameter alone.
+        A slope is a finite difference: the unit value moves by ``width`` towards the middle of its
+        bounds. The slope is 0 if the moved value has no twin; then a step leaves this parameter as
+        it is.
         """
         unit_values = point.unit_values
         slopes = np.zeros((len(point.residuals), len(unit_values)))
@@ -225,10 +226,15 @@ class Fit:
 
 
 def _residuals_of(states: FloatArray, recorded: RecordedDrive) -> FloatArray:
-    """Return the weighted differences of a twin's states, (2, k), from a drive of n, (2 n,).
+    """Return the weighted differences of a twin's states from a recorded drive, (2 n,).
 
-    A scaled difference d counts as L tanh(d / L), with L = `_SATURATION`. Where the twin did not
-    come, it counts as L, with the sign of the twin's last offset.
+    A scaled difference d counts as L tanh(d / L), with L = `_SATURATION`. At positions that the
+    twin did not reach, a difference of offset counts as L with the sign of the twin's last offset,
+    and a difference of speed as L.
+
+    Args:
+        states: offset and speed of the twin at its positions, (2, k).
+        recorded: the recorded drive, known at n positions.
     """
     n = recorded.states.shape[1]
     both = min(n, states.shape[1])

@@ -22,7 +22,7 @@ GRID: Final = 2.0
 """Distance along the road between two positions at which drives are compared, in m."""
 MIN_POSITIONS: Final = 4
 """Fewest positions of a drive that can be compared; our choice."""
-_STRESSED_POSITIONS: Final = 15  # up to the largest offset: 30 m, our choice
+_STRESSED_POSITIONS: Final = 15  # up to the largest offset, which weigh more: 30 m, our choice
 _MIN_RUNS: Final = 5  # with which runs count as independent, rather than roads; our choice
 
 
@@ -51,17 +51,17 @@ class RecordedDrive:
     def weight_roots(self) -> FloatArray:
         """Square roots of the positions' weights, (n,); they multiply differences.
 
-        Half of the weight is the same at all positions. The other half lies on the 15 positions
-        that end with the largest offset, or on fewer where the drive begins later. The weights of
-        offset and speed together add up to 1.
+        Half of the weight is spread evenly over all positions. The other half is spread over the 15
+        positions up to the largest offset, or over fewer if it comes sooner. The weights of offset
+        and speed together add up to 1.
         """
         n = self.states.shape[1]
         end = int(np.argmax(np.abs(self.states[0]))) + 1
-        twice_weights = np.full(n, 1.0 / n)
-        twice_weights[max(end - _STRESSED_POSITIONS, 0) : end] += 1.0 / min(
-            end, _STRESSED_POSITIONS
-        )
-        roots: FloatArray = np.sqrt(0.25 * twice_weights)
+        stressed = min(end, _STRESSED_POSITIONS)
+        shares = np.full(n, 1.0 / n)
+        shares[end - stressed : end] += 1.0 / stressed
+        # The shares add up to 2 for the offset, and to 2 for the speed.
+        roots: FloatArray = np.sqrt(0.25 * shares)
         return roots
 
 
