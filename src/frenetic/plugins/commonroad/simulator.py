@@ -48,7 +48,7 @@ class CommonRoadSimulator(SteppedSimulator):
     car = VEHICLE.body()
     steering_lag = Amount[float]("lag", VEHICLE.steering_lag)
     """Time constant of the steering, in s; it may be set between two drives."""
-    period_step = 0.01
+    period_step = 0.01  # [s] the PERIOD of the car, whose module needs the extra
 
     def __init__(
         self,

@@ -16,6 +16,7 @@ PATH_BEHIND: Final = 30.0
 _PATH_INTERVAL: Final = 600.0  # [m] of road after which the planner gets a new path; our choice
 _MIN_CURVATURE_SPEED: Final = 1.0  # [m/s] at which the car's curvature counts as 0; our choice
 _CALLS_PER_PLAN: Final = 2  # planning at 10 Hz, control at 20 Hz
+_TOP_SPEED_RATIO: Final = 1.5  # of the car's top speed to the speed limit, our choice
 
 
 class FissPlanner:
@@ -48,7 +49,8 @@ class FissPlanner:
         car, config = self._fiss.VehicleParams(), self._fiss.LocalPlannerConfig()
         car.length, car.width, car.wheelbase = setup.car_length, setup.car_width, setup.wheelbase
         car.rear_axle_to_center, car.max_steer = setup.rear_axle, setup.max_steering
-        car.max_speed, car.max_lat_accel = 1.5 * setup.speed_limit, self.options["lateral"]
+        car.max_speed = _TOP_SPEED_RATIO * setup.speed_limit
+        car.max_lat_accel = self.options["lateral"]
         if setup.steering_rate is not None and math.isfinite(setup.steering_rate):
             car.max_steer_rate = setup.steering_rate
         config.path.num_left_lanes = config.path.num_right_lanes = 0
