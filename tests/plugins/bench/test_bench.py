@@ -133,7 +133,7 @@ def test_a_bench_whose_folder_is_moved_or_deleted_does_not_recreate_it(
             shutil.rmtree(bench.folder)
 
     where = f" to {tmp_path / 'new'}" if (sys.platform, action) == ("linux", "moved") else ""
-    rest = "its complete runs stand there" if action == "moved" else "its runs are gone"
+    rest = "its complete runs are there" if action == "moved" else "its runs are gone"
     words = f"{bench.folder} was {action}{where} while the bench ran: {rest}"
     with pytest.raises(FreneticError, match=re.escape(words)):
         bench.run(workers=1, on_end=take_away)
