@@ -122,8 +122,8 @@ def read_recordings(
         stated_terms: terms of all drives, in place of those that a campaign records.
 
     Raises:
-        FreneticError: a file or folder cannot be read or is damaged, one holds no drive that passed
-            or failed, or they were driven under different terms.
+        FreneticError: there are no files or folders; one cannot be read, is damaged or holds no
+            drive that passed or failed; or drives were driven under different terms.
     """
     tests: list[_Test] = []
     place_of_terms: dict[RecordedTerms, Path] = {}
