@@ -24,7 +24,7 @@ from frenetic.campaign import Budget, Campaign, CampaignStore, Test, defaults, n
 from frenetic.campaign.check import check_campaign
 from frenetic.campaign.configuration import decode_budget
 from frenetic.campaign.guarded_strategy import ObservingStrategy
-from frenetic.campaign.objective import objectives
+from frenetic.campaign.objective_values import objective_values
 from frenetic.campaign.record import Attempt
 from frenetic.campaign.summary import Summary
 from frenetic.campaign.workers.workers import InProcessWorker
@@ -299,7 +299,7 @@ def test_best_test_is_the_most_severe_test(tmp_path: Path) -> None:
     other = scripted(tmp_path / "b", None, objective="oob-share")
     end = other.run(4)
     with CampaignStore.open(tmp_path / "b") as store:
-        values = objectives(store)
+        values = objective_values(store)
     assert other.best_test is not None
     assert values[other.best_test.id] == end.worst == max(values.values())
 
@@ -609,6 +609,6 @@ def test_the_time_in_a_drivers_python_code_is_measured(
 
 def test_a_driver_that_takes_most_of_the_time_is_named_slow() -> None:
     slow = Summary(drive_seconds=20.0, driver_seconds=19.0)
-    assert slow.slow_driver == "Your driver takes 95 % of the time"
-    assert Summary(drive_seconds=20.0, driver_seconds=15.0).slow_driver == ""
-    assert Summary().slow_driver == ""
+    assert slow.slow_driver_text == "Your driver takes 95 % of the time"
+    assert Summary(drive_seconds=20.0, driver_seconds=15.0).slow_driver_text == ""
+    assert Summary().slow_driver_text == ""

@@ -11,7 +11,8 @@ import pytest
 import frenetic
 from frenetic import Budget, Campaign, CampaignStore, Candidate, Evaluation, Outcome
 from frenetic.campaign import evaluate
-from frenetic.campaign.objective import Objective, evaluation_of
+from frenetic.campaign.evaluation import evaluation_of
+from frenetic.campaign.objective import Objective
 from frenetic.errors import FreneticError, Trouble
 from frenetic.oracle import Finding
 from frenetic.search import Origin

@@ -13,7 +13,8 @@ from contents import contents
 from frenetic.analysis.groups import parts_of
 from frenetic.campaign import Campaign, CampaignStore
 from frenetic.campaign.check import check_campaign
-from frenetic.campaign.objective import Objective, as_text, objectives
+from frenetic.campaign.objective import Objective
+from frenetic.campaign.objective_values import objective_text, objective_values
 from frenetic.drivers import Planner
 from frenetic.errors import FreneticError
 from frenetic.oracle.verdict import assess, judge
@@ -82,7 +83,7 @@ def test_a_campaign_resumed_with_an_objective_equals_one_run(tmp_path: Path) -> 
     values = severities(resumed)
     assert values == severities(whole)
     with CampaignStore.open(tmp_path / "whole") as store:
-        assert {-value for value in objectives(store).values()} == {*values} - {None}
+        assert {-value for value in objective_values(store).values()} == {*values} - {None}
     without = ("budget_spent",)
     whole_tests, tests = (contents(tmp_path / name, without=without) for name in ("whole", "parts"))
     assert tests == whole_tests
@@ -96,8 +97,8 @@ def test_values_of_an_objective_are_stored_described_and_logged(tmp_path: Path) 
     campaign(folder, 30, driver=Planner(), objective="oob-share", **parts).run()
     with CampaignStore.open(folder) as store:
         shares = {t.id: t.result.max_oob_share for t in store.tests() if t.outcome.is_driven}
-        values = objectives(store)
-        text = as_text(store)
+        values = objective_values(store)
+        text = objective_text(store)
         assert values == {t.id: t.objective for t in store.tests() if t.objective is not None}
     # The objective is measured on the stored drives, which are rounded.
     assert values == pytest.approx(shares, abs=2e-3)

@@ -16,7 +16,8 @@ from frenetic.analysis.clusters import distinct_failures
 from frenetic.campaign import Campaign, CampaignStore
 from frenetic.campaign.check import check_campaign
 from frenetic.campaign.configuration import earlier_of
-from frenetic.campaign.objective import Objective, evaluation_of
+from frenetic.campaign.evaluation import evaluation_of
+from frenetic.campaign.objective import Objective
 from frenetic.campaign.warm_start import driven_again, read_earlier, still_failing
 from frenetic.drivers import Planner
 from frenetic.oracle.outcome import Outcome

@@ -34,7 +34,8 @@ from frenetic.analysis.failures import Failure, describe, failures_of
 from frenetic.analysis.segments import (
     segments_of,
 )
-from frenetic.campaign.objective import MOOBD, Objective, evaluation_of
+from frenetic.campaign.evaluation import evaluation_of
+from frenetic.campaign.objective import MOOBD, Objective
 from frenetic.campaign.record import Test
 from frenetic.campaign.store import CampaignStore
 from frenetic.campaign.warm_start import read_earlier

@@ -2,7 +2,7 @@
 
 from frenetic.campaign.campaign import Campaign
 from frenetic.campaign.defaults import MAX_IN_FLIGHT, new_folder
-from frenetic.campaign.objective import evaluate
+from frenetic.campaign.evaluation import evaluate
 from frenetic.campaign.record import Test
 from frenetic.campaign.store import CampaignStore
 from frenetic.campaign.summary import Event, Summary

@@ -1,9 +1,9 @@
-"""Numbers of a campaign's tests, counted alike wherever they are shown."""
+"""The numbers of a campaign's tests, counted in one way wherever they are shown."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from types import MappingProxyType
 from typing import Any, Final, Self
 
@@ -15,26 +15,36 @@ from frenetic.oracle.outcome import Outcome
 from frenetic.road import profile
 from frenetic.search.records import Candidate
 
-_NAMES: Final[Mapping[Outcome, str]] = {
+_OUTCOME_NAMES: Final[Mapping[Outcome, str]] = {
     Outcome.PASS: "passed",
     Outcome.FAIL: "failed",
     Outcome.INVALID: "invalid",
     Outcome.ERROR: "errors",
     Outcome.DROPPED: "dropped",
 }
-"""Outcome -> name of its number, here and in JSON."""
-_SUMMED: Final = (*_NAMES.values(), "roads", "repeats", "failing_repeats", "invalid_repeats")
+"""Outcome -> name of the number of tests with this outcome, in `Counts` and in JSON."""
+_SUMMED_NAMES: Final = (
+    *_OUTCOME_NAMES.values(),
+    "roads",
+    "repeats",
+    "failing_repeats",
+    "invalid_repeats",
+)
 """Names of the numbers that add up over several campaigns."""
 
 
 @dataclass
 class Counts:
-    """Numbers of tests by outcome, of different roads among them, and the lowest MOOBD."""
+    """Numbers of tests by outcome, number of different roads among them, and lowest MOOBD."""
 
     invalid: int = 0
+    """Number of tests whose road was refused, so that nothing was driven."""
     passed: int = 0
+    """Number of tests that passed."""
     failed: int = 0
+    """Number of tests that failed."""
     errors: int = 0
+    """Number of tests in which the simulator broke."""
     dropped: int = 0
     """Number of candidates that the strategy no longer wanted before they were driven."""
     min_moobd: float | None = None
@@ -49,29 +59,29 @@ class Counts:
     """Number of repeats whose road was refused."""
 
     def __post_init__(self) -> None:
-        self._keys: set[int] = set()  # of the roads that were added
-        self._first = FirstTests()
+        self._road_keys: set[int] = set()  # of the tests that were added
+        self._first_tests = FirstTests()
 
     @classmethod
     def of(cls, by_outcome: Mapping[Outcome, int], min_moobd: float | None = None) -> Self:
-        """Return counts with a number per outcome."""
-        numbers = {name: by_outcome[outcome] for outcome, name in _NAMES.items()}
+        """Return counts with a number of tests per outcome, and the lowest MOOBD in m."""
+        numbers = {name: by_outcome[outcome] for outcome, name in _OUTCOME_NAMES.items()}
         return cls(**numbers, min_moobd=min_moobd)
 
     def add(self, candidate: Candidate, outcome: Outcome, moobd: float | None) -> None:
-        """Count one more result."""
-        name = _NAMES[outcome]
+        """Count the result of a candidate, with its MOOBD in m."""
+        name = _OUTCOME_NAMES[outcome]
         setattr(self, name, getattr(self, name) + 1)
         if outcome.is_test:
-            self._keys.add(key_of(candidate))
-            self.roads = len(self._keys)
-            if not self._first.add(candidate, outcome):
+            self._road_keys.add(key_of(candidate))
+            self.roads = len(self._road_keys)
+            if not self._first_tests.add(candidate, outcome):
                 self.add_repeat(outcome)
         if moobd is not None:
             self.min_moobd = moobd if self.min_moobd is None else min(self.min_moobd, moobd)
 
     def add_repeat(self, outcome: Outcome) -> None:
-        """Note that a counted test with this outcome repeats an earlier test."""
+        """Note that a test with this outcome, which is counted already, repeats an earlier test."""
         self.repeats += 1
         self.failing_repeats += outcome is Outcome.FAIL
         self.invalid_repeats += outcome is Outcome.INVALID
@@ -88,7 +98,7 @@ class Counts:
 
     @property
     def tests(self) -> int:
-        """Number of road tests, with refused ones, without dropped ones."""
+        """Number of road tests, with refused roads and without dropped candidates."""
         return self.simulations + self.invalid
 
     @property
@@ -98,8 +108,9 @@ class Counts:
 
     @property
     def by_outcome(self) -> Mapping[Outcome, int]:
-        """Number per outcome; every outcome is present."""
-        return MappingProxyType({outcome: getattr(self, name) for outcome, name in _NAMES.items()})
+        """Number of tests per outcome; every outcome is present."""
+        numbers = {outcome: getattr(self, name) for outcome, name in _OUTCOME_NAMES.items()}
+        return MappingProxyType(numbers)
 
     @property
     def broken(self) -> str:
@@ -110,13 +121,17 @@ class Counts:
 
     @classmethod
     def total(cls, campaigns: Iterable[Counts]) -> Counts:
-        """Return the counts of several campaigns together; a road counts once in each."""
+        """Return the sum of several campaigns' counts; a road counts once in each campaign."""
         several = list(campaigns)
         moobds = [counts.min_moobd for counts in several if counts.min_moobd is not None]
         return Counts(
-            **{name: sum(getattr(counts, name) for counts in several) for name in _SUMMED},
+            **{name: sum(getattr(counts, name) for counts in several) for name in _SUMMED_NAMES},
             min_moobd=min(moobds, default=None),
         )
+
+    def numbers(self) -> dict[str, Any]:
+        """Return the fields of `Counts` by their names, without those that a subclass adds."""
+        return {item.name: getattr(self, item.name) for item in fields(Counts)}
 
     def counts_json(self) -> dict[str, Any]:
         """Return the counts as one JSON object."""
@@ -126,43 +141,40 @@ class Counts:
             "repeats": self.repeats,
             "failures": self.failures,
             "simulations": self.simulations,
-            **{name: getattr(self, name) for name in _NAMES.values()},
+            **{name: getattr(self, name) for name in _OUTCOME_NAMES.values()},
             "min_moobd": self.min_moobd,
         }
 
     def as_text(self) -> str:
         """Return the counts in a line: ``90 tests of 88 different roads: 70 passed, 20 failed``.
 
-        Of failed tests that repeat earlier ones it says how many: ``20 failed (2 repeats)``.
+        Failed tests that repeat earlier tests are named: ``20 failed (2 repeats)``.
         """
-        others = {
-            f"{self.invalid} invalid": self.invalid,
-            counted(self.errors, "error"): self.errors,
-            f"{self.dropped} dropped": self.dropped,
-        }
-        repeats = counted(self.failing_repeats, "repeat")
-        return ", ".join(
-            [
-                f"{counted(self.tests, 'test')} of {counted(self.roads, 'different road')}:"
-                f" {self.passed} passed",
-                f"{self.failed} failed{f' ({repeats})' if self.failing_repeats else ''}",
-                *(text for text, number in others.items() if number),
-            ]
-        )
+        tests, roads = counted(self.tests, "test"), counted(self.roads, "different road")
+        texts = [f"{tests} of {roads}: {self.passed} passed", f"{self.failed} failed"]
+        if self.failing_repeats:
+            texts[-1] += f" ({counted(self.failing_repeats, 'repeat')})"
+        if self.invalid:
+            texts.append(f"{self.invalid} invalid")
+        if self.errors:
+            texts.append(counted(self.errors, "error"))
+        if self.dropped:
+            texts.append(f"{self.dropped} dropped")
+        return ", ".join(texts)
 
 
 class FirstTests:
-    """The first tests of roads, told from repeats, which no measure counts.
+    """The tests that repeat no earlier test; no measure counts repeats.
 
-    A test repeats an earlier one with the same road, conditions and outcome. A failure of
-    a road that passed before is no repeat: there the same drive may end in another way.
+    A test repeats an earlier test with the same road, conditions and outcome. A failure on a road
+    that passed before is no repeat: it shows that the same drive may end in another way.
     """
 
     def __init__(self) -> None:
         self._keys: set[int] = set()
 
     def add(self, candidate: Candidate, outcome: Outcome) -> bool:
-        """Add a test; return whether it is the first, as each dropped candidate is."""
+        """Add a test; return whether it repeats no earlier test. A dropped candidate never does."""
         profiles = [_bytes_of(getattr(candidate, name)) for name in profile.NAMES]
         return self.add_key(outcome, key_of(candidate), candidate.conditions, profiles)
 
@@ -173,30 +185,31 @@ class FirstTests:
         conditions: Mapping[str, float],
         profiles: Sequence[bytes | None],
     ) -> bool:
-        """Add a test by its stored values; return whether it is the first.
+        """Add a test by its stored values; return whether it repeats no earlier test.
 
         Args:
-            outcome: of the test.
-            road: its `road_key`.
-            conditions: of the drive.
-            profiles: the road's `profile.NAMES`, float64 as bytes.
+            outcome: outcome of the test.
+            road: `road_key` of the test's road.
+            conditions: conditions of the drive, by name.
+            profiles: the road's profiles in the order of `profile.NAMES`, float64 as bytes; None
+                for a profile that the road lacks.
         """
         if not outcome.is_test:
             return True
-        before = len(self._keys)
+        count_before = len(self._keys)
         self._keys.add(hash((outcome, road, *sorted(conditions.items()), *profiles)))
-        return len(self._keys) > before
+        return len(self._keys) > count_before
 
 
 def road_key(step: object, curvatures: bytes, points: object) -> int:
     """Return a number that is the same for the same road, within this process.
 
     Args:
-        step: m between curvatures.
+        step: distance between two curvatures, in m.
         curvatures: float64 as bytes; 0 and -0 are the same.
-        points: float64 as bytes, None if the road was not proposed as points.
+        points: float64 as bytes; None if the road was not proposed as points.
     """
-    values = np.frombuffer(curvatures, "<f8") + 0.0
+    values = np.frombuffer(curvatures, "<f8") + 0.0  # which turns -0 into 0
     return hash((step, values.tobytes(), points))
 
 

@@ -17,7 +17,8 @@ import numpy as np
 from frenetic._support.bounds import is_number, shown
 from frenetic._support.json_value import JSONValue, plain
 from frenetic._support.outside_text import read_json
-from frenetic.campaign.objective import Objective, evaluation_of
+from frenetic.campaign.evaluation import evaluation_of
+from frenetic.campaign.objective import Objective
 from frenetic.campaign.record import Attempt
 from frenetic.campaign.store import CampaignStore
 from frenetic.campaign.summary import Summary
@@ -276,9 +277,9 @@ def replay(
         evaluation = evaluation_of(test, partial(store.trajectory, test.id), objective)
         tell(strategy, evaluation, summary)
         summary.add(candidate, test.outcome, test.moobd)
-        summary.measure(objective, evaluation)
+        summary.note_objective(objective, evaluation)
         summary.seconds = test.elapsed
-        summary.spend(budget, summary.seconds, test.reported_share)
+        summary.update_budget_spent(budget, summary.seconds, test.reported_share)
     ask_until(summary.result_count)
     return summary, outstanding
 

@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 from typing import Final
 
 from frenetic._support.words import present_moment
+from frenetic.campaign.evaluation import evaluation_of
 from frenetic.campaign.guarded_strategy import (
     FACTS,
     ObservingStrategy,
@@ -19,7 +20,7 @@ from frenetic.campaign.guarded_strategy import (
     tell,
 )
 from frenetic.campaign.log import CampaignLog, LogEvent
-from frenetic.campaign.objective import Objective, evaluation_of
+from frenetic.campaign.objective import Objective
 from frenetic.campaign.record import Attempt, Test
 from frenetic.campaign.second_drive import SecondDrive
 from frenetic.campaign.store import CampaignStore
@@ -316,7 +317,7 @@ class Dispatcher:
         summary.drive_seconds += attempt.seconds
         summary.driver_seconds += attempt.driver_seconds
         elapsed = time.perf_counter() - self._start
-        summary.spend(self._plan.budget, elapsed, attempt.reported_share)
+        summary.update_budget_spent(self._plan.budget, elapsed, attempt.reported_share)
         test = Test.of(
             candidate,
             attempt,
@@ -336,11 +337,11 @@ class Dispatcher:
         if self._second is not None:
             self._second.see(test)
         del self._outstanding[candidate.id]
-        summary.measure(self._plan.objective, evaluation)
+        summary.note_objective(self._plan.objective, evaluation)
         tell(self._strategy, evaluation, summary)
         self._waits_for_result = False
         self._log_notice()
-        now = summary.now(time.perf_counter() - self._start)
+        now = summary.snapshot(time.perf_counter() - self._start)
         self._unwritten.append((test, attempt.trouble, now))
         self._give_up_if_hopeless(test)
 
@@ -402,5 +403,5 @@ class Dispatcher:
             if facts != self._summary.facts:
                 self._summary.facts = facts
                 self._store.keep(**{FACTS: facts})
-            summary = self._summary.now(time.perf_counter() - self._start)
+            summary = self._summary.snapshot(time.perf_counter() - self._start)
             self._log.progress(summary)

@@ -11,7 +11,8 @@ import numpy as np
 
 from frenetic._support.arrays import FloatArray
 from frenetic._support.json_value import JSONValue
-from frenetic.campaign.objective import MOOBD, Objective, evaluation_of
+from frenetic.campaign.evaluation import evaluation_of
+from frenetic.campaign.objective import MOOBD, Objective
 from frenetic.campaign.record import Attempt, Test
 from frenetic.campaign.store import CampaignStore
 from frenetic.oracle.outcome import Outcome

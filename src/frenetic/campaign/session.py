@@ -74,7 +74,7 @@ class SearchSession:
             self.on_event(Event(kind, summary, read_test))
 
     def _say_interrupted(self) -> None:
-        self._say("interrupted", self.state.summary.now(self._seconds))
+        self._say("interrupted", self.state.summary.snapshot(self._seconds))
 
     def _search(self) -> bool:
         """Start the workers and test; return whether a request to stop ended the search early."""
@@ -85,7 +85,7 @@ class SearchSession:
                 compile_kernels()  # which the strategy needs here, while they start
                 while not workers.free and not interrupt.requested:
                     workers.wait(_START_POLL)
-                self._say("started", summary.now(summary.seconds))
+                self._say("started", summary.snapshot(summary.seconds))
                 self._start = time.perf_counter() - summary.seconds
                 dispatcher = Dispatcher(
                     self.plan,
@@ -119,7 +119,7 @@ class SearchSession:
         return insisted and not isinstance(error, FreneticError)
 
     def _log_error(self, error: BaseException) -> None:
-        self.log.progress(self.state.summary.now(self._seconds))
+        self.log.progress(self.state.summary.snapshot(self._seconds))
         trace = traceback_of(error)
         cause: dict[str, Any] = {"traceback": trace} if trace else {}
         self.log.write(LogEvent.GAVE_UP, reason_of(error), level="error", **cause)
@@ -131,7 +131,7 @@ class SearchSession:
         summary.facts = facts_of(strategy, summary)
         # What is stored counts, also when an interrupt came between storing and counting.
         ended = "" if is_interrupted else summary.ended
-        counts = asdict(self.store.counts())
+        counts = self.store.counts().numbers()
         end = replace(summary, interrupted=is_interrupted, ended=ended, **counts)
         self.store.finish(
             seconds=round(end.seconds, 3),

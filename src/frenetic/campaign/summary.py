@@ -3,86 +3,111 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from copy import copy
-from dataclasses import asdict, dataclass, field, fields
+from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any, Final, Literal, Self, TypeAlias
 
 from frenetic._support.json_value import JSONValue
 from frenetic._support.words import lane_words
-from frenetic.campaign.counts import Counts, FirstTests
-from frenetic.campaign.objective import Objective, worst_value
+from frenetic.campaign.counts import Counts
+from frenetic.campaign.objective import Objective
+from frenetic.campaign.objective_values import worst_value_text
 from frenetic.campaign.record import Test
 from frenetic.road import LANE_WIDTH
 from frenetic.search.records import Evaluation
 from frenetic.spec import Budget
 
 EventKind: TypeAlias = Literal["started", "result", "interrupted", "complete"]
-SLOW: Final = 0.8
-"""Least share of the tests' time in the driver's own code that is worth a line (ours)."""
+SLOW_DRIVER_SHARE: Final = 0.8
+"""Share of the tests' time in the driver's code from which the summary says so (our choice)."""
 
 
 @dataclass
 class Summary(Counts):
-    """Summary of a campaign, so far or as it ended."""
+    """What a campaign has found, so far or when it ended."""
 
     seconds: float = 0.0
     """Wall time since the start, in s."""
     budget_spent: float = 0.0
-    """Spent share of the budget, 0..1."""
+    """Spent share of the budget, from 0 to 1."""
     reported_share: float | None = None
-    """Spent share as a client reported it last; None without such a report."""
+    """Spent share of the budget that a client reported last; None without such a report."""
     lane_width: float = LANE_WIDTH
     """Width of each lane, in m."""
     objective: str = ""
-    """Name of the objective; empty for the MOOBD, or before the first drive."""
+    """Name of the objective; empty before the first drive, and if the search minimises the MOOBD,
+    the car's least distance to its lane's edge."""
     worst: float | None = None
-    """The objective's worst value for the driver so far."""
+    """Worst value of the objective for the driver so far; None while `objective` is empty."""
     strategy_seconds: float = 0.0
     """Time that the strategy took to propose and to learn, in s."""
     drive_seconds: float = 0.0
-    """Time of all tests, in s; parallel tests add up."""
+    """Time of all tests, in s; the times of parallel tests are added."""
     driver_seconds: float = 0.0
-    """Time of the tests in the driver's own code, in s."""
+    """Part of `drive_seconds` in the driver's code, in s."""
     seed: int | None = None
+    """Seed of the strategy; None if it has none."""
     folder: Path = field(default_factory=Path)
+    """The campaign's folder."""
     interrupted: bool = False
-    """Whether it was stopped before its budget was spent."""
+    """Whether the campaign was stopped before its budget was spent."""
     ended: str = ""
     """Reason why the strategy ended before the budget was spent; empty if it did not."""
     notice: str = ""
-    """The strategy's notice that the search is not as its user expects; empty without one."""
+    """The strategy's notice that the search does not go as its user expects; empty if it does."""
     not_repeatable: str = ""
-    """Why verdicts hold for single drives only, see `frenetic.campaign.second_drive`."""
+    """Why a verdict holds only for the drive that it judges, see `frenetic.campaign.second_drive`;
+    empty if drives repeat, as far as known."""
     facts: Mapping[str, JSONValue] = field(default_factory=dict)
     """Facts of the strategy about its search, see `frenetic.Strategy.facts`."""
 
     @classmethod
-    def over(cls, counts: Counts, **more: Any) -> Self:
-        """Return the summary with these counts."""
-        return cls(**asdict(counts), **more)
+    def from_counts(
+        cls,
+        counts: Counts,
+        *,
+        folder: Path,
+        budget_spent: float,
+        seconds: float = 0.0,
+        lane_width: float = LANE_WIDTH,
+    ) -> Self:
+        """Return the summary of stored counts; without `seconds` its rate of tests is 0."""
+        return cls(
+            **counts.numbers(),
+            folder=folder,
+            budget_spent=budget_spent,
+            seconds=seconds,
+            lane_width=lane_width,
+        )
 
-    def now(self, seconds: float) -> Self:
-        """Return a copy for callers, `seconds` s after the start."""
-        copied = copy(self)
-        copied.seconds, copied._keys, copied._first = seconds, set(), FirstTests()
-        return copied
+    def snapshot(self, seconds: float) -> Self:
+        """Return a copy for callers, which stays as it is when this summary changes.
 
-    def spend(self, budget: Budget, seconds: float, share: float | None = None) -> None:
-        """Set the spent share of the budget.
+        Do not `add` to the copy: it does not know which roads are counted.
 
         Args:
-            budget: of the campaign.
-            seconds: time of the campaign so far.
-            share: share that a client reports; None for its last report, or else our count.
+            seconds: wall time since the start, in s.
         """
-        self.reported_share = self.reported_share if share is None else share
-        counted = budget.spent(self.simulations, seconds, self.failed)
-        self.budget_spent = counted if self.reported_share is None else self.reported_share
+        return replace(self, seconds=seconds)
 
-    def measure(self, objective: Objective, evaluation: Evaluation) -> None:
-        """Note the objective's value of a further result, if it has a value."""
+    def update_budget_spent(
+        self, budget: Budget, seconds: float, reported_share: float | None = None
+    ) -> None:
+        """Set the spent share of the budget: a client's last report, or else what was counted.
+
+        Args:
+            budget: budget of the campaign.
+            seconds: time of the campaign so far, in s.
+            reported_share: share that a client reports with a result; None without a report.
+        """
+        if reported_share is not None:
+            self.reported_share = reported_share
+        counted_share = budget.spent(self.simulations, seconds, self.failed)
+        self.budget_spent = counted_share if self.reported_share is None else self.reported_share
+
+    def note_objective(self, objective: Objective, evaluation: Evaluation) -> None:
+        """Note the objective's value of a result if it is the worst so far; it may have none."""
         value = objective.value_of(evaluation)
         if value is not None:
             self.objective = objective.name
@@ -90,24 +115,30 @@ class Summary(Counts):
 
     @property
     def worst_as_text(self) -> str:
-        """The car's least distance to its lane's edge, and an objective's worst value, in words."""
-        texts, least = [], self.min_moobd
-        if least is not None:
-            most = "at most" if least < 0.0 else "at least"
-            texts.append(f"{most} {lane_words(least, self.lane_width)}")
+        """The lowest MOOBD and the objective's worst value, to be added to a sentence.
+
+        Each value begins with a comma: ``, at most 0.52 m outside its lane``. Empty before a drive.
+        """
+        texts = []
+        if self.min_moobd is not None:
+            # The most that a car was outside its lane, or the least that each car stayed inside.
+            bound = "at most" if self.min_moobd < 0.0 else "at least"
+            texts.append(f"{bound} {lane_words(self.min_moobd, self.lane_width)}")
         if self.worst is not None:
-            texts.append(worst_value(self.objective, self.worst))
+            texts.append(worst_value_text(self.objective, self.worst))
         return "".join(f", {text}" for text in texts)
 
     @property
-    def slow_driver(self) -> str:
-        """Sentence about a driver that takes most of the time; empty for others."""
+    def slow_driver_text(self) -> str:
+        """Sentence about a driver that takes most of the tests' time; empty for other drivers."""
         share = self.driver_seconds / self.drive_seconds if self.drive_seconds else 0.0
-        return f"Your driver takes {100.0 * share:.0f} % of the time" if share >= SLOW else ""
+        if share < SLOW_DRIVER_SHARE:
+            return ""
+        return f"Your driver takes {100.0 * share:.0f} % of the time"
 
     @property
     def objective_json(self) -> dict[str, Any]:
-        """The objective and its worst value for JSON; empty for the MOOBD."""
+        """The objective and its worst value for JSON; empty if the search minimises the MOOBD."""
         return {} if self.worst is None else {"objective": self.objective, "worst": self.worst}
 
     @property
@@ -117,7 +148,7 @@ class Summary(Counts):
 
     @property
     def seconds_left(self) -> float | None:
-        """Estimate from the spent share of the budget, in s; None while nothing is spent."""
+        """Time left by the spent share of the budget, in s; None while nothing is spent."""
         if self.budget_spent <= 0.0:
             return None
         return self.seconds * (1.0 - self.budget_spent) / self.budget_spent
@@ -141,24 +172,26 @@ class Summary(Counts):
 
 @dataclass
 class Progress(Counts):
-    """The part of a `Summary` that a campaign's process reports."""
+    """The part of a `Summary` that a process which runs a campaign sends to its parent."""
 
     budget_spent: float = 0.0
+    """Spent share of the budget, from 0 to 1."""
     folder: str = ""
+    """The campaign's folder."""
 
     @classmethod
     def of_summary(cls, summary: Summary) -> Self:
         """Return the progress in a summary."""
-        counts = {item.name: getattr(summary, item.name) for item in fields(Counts)}
-        return cls(**counts, budget_spent=summary.budget_spent, folder=str(summary.folder))
+        folder = str(summary.folder)
+        return cls(**summary.numbers(), budget_spent=summary.budget_spent, folder=folder)
 
     def summary(self) -> Summary:
-        """Return the summary with these counts."""
+        """Return a summary with this progress alone."""
         return Summary(**asdict(self) | {"folder": Path(self.folder)})
 
 
 def facts_text(facts: object) -> str:
-    """Return a strategy's facts in a line; empty without facts."""
+    """Return a strategy's facts in a line, ``cells 40; spread 0.31``; empty without facts."""
     items = facts.items() if isinstance(facts, Mapping) else ()
     texts = (
         f"{name} {value:.2f}" if isinstance(value, float) else f"{name} {value}"
@@ -172,18 +205,18 @@ class Event:
     """An event of a campaign while it runs."""
 
     kind: EventKind
-    """``started``: the folder is made and the simulator has started, the budget's time begins;
-    ``result``: a result was stored, in the order of results; ``interrupted``: Ctrl-C was
-    pressed for the first time; ``complete``: no drive was missing, which only reruns, minimising,
-    comparisons of versions and estimates say."""
+    """``started``: the folder is made, the simulator has started, and the budget's time begins.
+    ``result``: a result was stored; results come in their order. ``interrupted``: Ctrl-C was
+    pressed for the first time. ``complete``: an earlier run had stored every drive, so none was
+    made; only reruns, minimising, comparisons of versions and estimates send it."""
     summary: Summary
     """The campaign so far."""
     read_test: Callable[[], Test] | None = field(default=None, repr=False, compare=False)
-    """Source of `test`, which can be read until the call ends."""
+    """Function that reads `test`, during the listener's call only; None without a result."""
 
     @cached_property
     def test(self) -> Test | None:
-        """The test with this result, read on first use; None for other events."""
+        """The test with this result, read on first use; None without a result."""
         return None if self.read_test is None else self.read_test()
 
 

@@ -20,7 +20,8 @@ from frenetic._support.arrays import FloatArray
 from frenetic._support.json_value import JSONValue
 from frenetic._support.words import counted
 from frenetic.campaign.configuration import EarlierCampaign
-from frenetic.campaign.objective import Objective, evaluation_of
+from frenetic.campaign.evaluation import evaluation_of
+from frenetic.campaign.objective import Objective
 from frenetic.campaign.reader import EARLIER_SETTINGS
 from frenetic.campaign.record import Test
 from frenetic.campaign.store import CampaignStore

@@ -211,7 +211,7 @@ class _Printer:
     def _print_found(self, results: Results) -> None:
         """Print counts, causes or near misses, notes and the next command."""
         from frenetic.campaign import CampaignStore
-        from frenetic.campaign.objective import worst_criterion
+        from frenetic.campaign.objective_values import worst_criterion_text
         from frenetic.campaign.warm_start import still_failing
 
         summary, findings, folder = results.summary, results.findings, results.folder
@@ -228,7 +228,7 @@ class _Printer:
         elif not self._as_json:
             with CampaignStore.open(folder) as store:
                 if summary is not None:
-                    worst, failing = worst_criterion(store), still_failing(store)
+                    worst, failing = worst_criterion_text(store), still_failing(store)
                     error = first_error(store)
                     _print_summary(summary, self._search_times, worst, error, failing)
                 if misses is None:
@@ -291,8 +291,8 @@ def _print_summary(summary: Summary, times: str, worst: str, error: str, failing
         f"{summary.worst_as_text}{worst}"
     )
     echo(summary.as_text())
-    if summary.slow_driver:
-        echo(summary.slow_driver)
+    if summary.slow_driver_text:
+        echo(summary.slow_driver_text)
     if failing:
         echo(failing)
     if metrics := facts_text(summary.facts):

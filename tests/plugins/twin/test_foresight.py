@@ -19,8 +19,8 @@ from frenetic._support.words import part_word
 from frenetic.campaign import Campaign, CampaignStore
 from frenetic.campaign.check import check_campaign
 from frenetic.campaign.configuration import recorded_spec
+from frenetic.campaign.evaluation import evaluate
 from frenetic.campaign.guarded_strategy import FACTS
-from frenetic.campaign.objective import evaluate
 from frenetic.drivers.driver import Driver
 from frenetic.errors import CampaignError, FreneticError
 from frenetic.oracle.outcome import Outcome

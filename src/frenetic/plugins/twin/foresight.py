@@ -14,7 +14,8 @@ from typing import Any, ClassVar, Final
 import numpy as np
 
 from frenetic._support.arrays import FloatArray
-from frenetic.campaign.objective import Objective, evaluate
+from frenetic.campaign.evaluation import evaluate
+from frenetic.campaign.objective import Objective
 from frenetic.conditions.condition import SEED, condition_named
 from frenetic.errors import FreneticError
 from frenetic.parts.registry import STRATEGIES, hint
