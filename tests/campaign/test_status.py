@@ -15,7 +15,7 @@ from paced import campaign, paced
 from frenetic.campaign.configuration import OWNER, Owner, owner_of
 from frenetic.campaign.database import DATABASE
 from frenetic.campaign.log import LOG, CampaignLog, LogEvent
-from frenetic.campaign.status import MOST_NEWS, TAIL, CampaignState, Status, look
+from frenetic.campaign.status import LOG_TAIL, MOST_NEWS, CampaignState, Status, read_state
 from frenetic.campaign.store import LOCK
 from frenetic.errors import CampaignError
 from frenetic.road import Road
@@ -36,7 +36,7 @@ def news_of(state: CampaignState) -> list[str]:
 
 def test_a_finished_campaign_has_its_counts_and_latest_failures(tmp_path: Path) -> None:
     summary = campaign(tmp_path, 80).run()
-    state = look(tmp_path)
+    state = read_state(tmp_path)
     assert (state.status, state.seconds_left) == (Status.FINISHED, None)
     assert state.summary.counts_json() == summary.counts_json()
     assert state.summary.budget_spent == 1.0
@@ -48,19 +48,19 @@ def test_a_finished_campaign_has_its_counts_and_latest_failures(tmp_path: Path) 
     assert names == ["finished", "random", "DummyDriver", "DummySimulator", 2]
     assert (shown["failed"], shown["budget_spent"]) == (summary.failed, 1.0)
     (tmp_path / LOG).unlink()
-    without_log = look(tmp_path)
+    without_log = read_state(tmp_path)
     assert (without_log.status, without_log.news) == (Status.FINISHED, ())
 
 
 def test_a_look_at_a_running_campaign_counts_each_result(tmp_path: Path) -> None:
     with paced(tmp_path) as process:
         for results in range(1, 6):
-            state = look(tmp_path)
+            state = read_state(tmp_path)
             assert (state.status, state.summary.result_count) == (Status.RUNNING, results)
             assert state.writer == f"process {process.id}"
             process.go_on()
         process.finish()
-        assert look(tmp_path).status is Status.FINISHED
+        assert read_state(tmp_path).status is Status.FINISHED
 
 
 def test_a_look_says_killed_at_once_after_a_kill_until_the_campaign_is_resumed(
@@ -69,12 +69,14 @@ def test_a_look_says_killed_at_once_after_a_kill_until_the_campaign_is_resumed(
     with paced(tmp_path) as process:
         process.go_on()
         process.kill()
-        state = look(tmp_path)
+        state = read_state(tmp_path)
     assert (state.status, state.summary.result_count) == (Status.KILLED, 2)
     statuses = []
-    campaign(tmp_path).resume(on_event=on_test(lambda test: statuses.append(look(tmp_path).status)))
+    campaign(tmp_path).resume(
+        on_event=on_test(lambda test: statuses.append(read_state(tmp_path).status))
+    )
     assert set(statuses) == {Status.RUNNING}
-    assert look(tmp_path).status is Status.FINISHED
+    assert read_state(tmp_path).status is Status.FINISHED
 
 
 def test_the_state_of_a_campaign_of_another_machine_is_unknown(tmp_path: Path) -> None:
@@ -82,16 +84,16 @@ def test_the_state_of_a_campaign_of_another_machine_is_unknown(tmp_path: Path) -
         process.kill()
     lock = tmp_path / LOCK
     lock.write_text(" " + json.dumps(json.loads(lock.read_text()) | {"host": "bench-2"}))
-    state = look(tmp_path)
+    state = read_state(tmp_path)
     assert (state.status, state.writer) == (Status.UNKNOWN, "bench-2")
     campaign(tmp_path).resume()
-    assert look(tmp_path).status is Status.FINISHED
+    assert read_state(tmp_path).status is Status.FINISHED
 
 
 def test_a_stopped_campaign_is_interrupted(tmp_path: Path) -> None:
     new = campaign(tmp_path)
     new.run(on_event=on_test(lambda test: new.stop()))
-    assert look(tmp_path).status is Status.INTERRUPTED
+    assert read_state(tmp_path).status is Status.INTERRUPTED
 
 
 def test_a_campaign_whose_simulator_always_breaks_gave_up(tmp_path: Path) -> None:
@@ -102,7 +104,7 @@ def test_a_campaign_whose_simulator_always_breaks_gave_up(tmp_path: Path) -> Non
     new.tester.simulator.drift = break_down  # type: ignore[attr-defined]
     with refused():
         new.run()
-    state = look(tmp_path)
+    state = read_state(tmp_path)
     assert state.status is Status.GAVE_UP
     last = state.news[-1]
     assert (last.level, last.event) == ("error", "gave_up")
@@ -123,7 +125,7 @@ def test_a_campaign_whose_simulator_always_breaks_gave_up(tmp_path: Path) -> Non
         '{"event": 3}',
         "[" * 100_000,
         b"\xff\xfe\x00{",
-        b"\x00" * (2 * TAIL),
+        b"\x00" * (2 * LOG_TAIL),
     ],
     ids=lambda line: repr(line[-40:]),
 )
@@ -132,7 +134,7 @@ def test_lines_that_cannot_be_read_are_skipped(finished: Path, line: str | bytes
         file.write((line.encode() if isinstance(line, str) else line) + b"\n")
     with CampaignLog(finished) as log:
         log.write(LogEvent.NOTICE, "after it", level="warning")
-    state = look(finished)
+    state = read_state(finished)
     assert (state.status, news_of(state)) == (Status.FINISHED, ["after it"])
 
 
@@ -149,13 +151,13 @@ def test_a_folder_without_a_campaign_is_refused_in_one_line(
 ) -> None:
     make(tmp_path / "c")
     with refused():
-        look(tmp_path / "c")
+        read_state(tmp_path / "c")
 
 
 def test_a_damaged_database_is_refused_in_one_line(finished: Path) -> None:
     (finished / DATABASE).write_bytes(b"no database at all" * 500)
     with refused():
-        look(finished)
+        read_state(finished)
 
 
 def test_an_owner_names_the_command_that_goes_on_and_survives_its_entry(tmp_path: Path) -> None:

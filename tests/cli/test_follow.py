@@ -19,7 +19,7 @@ from events import on_test
 from paced import campaign, paced
 
 from frenetic.campaign.log import CampaignLog, LogEvent
-from frenetic.campaign.status import News, Status, look
+from frenetic.campaign.status import News, Status, read_state
 from frenetic.cli import follow, main
 
 LIMIT = 120.0  # s after which a test that waits for another process fails
@@ -117,7 +117,7 @@ def test_ctrl_c_ends_follow_and_the_campaign_goes_on(tmp_path: Path) -> None:
         assert process.returncode == 130
         assert err.strip().startswith("frenetic: interrupted; to run it again: frenetic show ")
         running.finish()
-    assert look(tmp_path).status is Status.FINISHED
+    assert read_state(tmp_path).status is Status.FINISHED
 
 
 def test_news_is_printed_once(
@@ -126,10 +126,10 @@ def test_news_is_printed_once(
     campaign(tmp_path).run()
     with CampaignLog(tmp_path) as log:
         log.write(LogEvent.NOTICE, "[red]odd[/red] \x1b[2J", level="warning")
-    now = replace(look(tmp_path), status=Status.RUNNING)
+    now = replace(read_state(tmp_path), status=Status.RUNNING)
     later = replace(now, news=(*now.news[1:], News("log", level="warning", message="two")))
     states = iter([now, now, later, replace(later, status=Status.GAVE_UP)])
-    monkeypatch.setattr(follow, "look", lambda folder: next(states))
+    monkeypatch.setattr(follow, "read_state", lambda folder: next(states))
     monkeypatch.setattr(follow, "INTERVAL", 0.0)
     code, out, _ = call(capsys, str(tmp_path))
     assert code == 1

@@ -1,10 +1,9 @@
-"""One search from the first road to the last: propose, fit, validate, drive, judge, store, tell."""
+"""A campaign: one search with its budget, from the first road to the last, and its resumption."""
 
 from __future__ import annotations
 
 import os
 import platform
-import shlex
 from collections import deque
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict, replace
@@ -19,6 +18,7 @@ from frenetic._support.files import require_list
 from frenetic._support.json_value import JSONValue, plain
 from frenetic._support.notebook import NotebookRepr
 from frenetic._support.words import counted
+from frenetic.campaign.advice import new_campaign_advice
 from frenetic.campaign.code_record import SETTING, CodeRecord
 from frenetic.campaign.configuration import SPEC, EarlierCampaign, earlier_of
 from frenetic.campaign.defaults import (
@@ -41,13 +41,14 @@ from frenetic.campaign.guarded_strategy import (
 )
 from frenetic.campaign.log import CampaignLog, LogEvent
 from frenetic.campaign.loop import SearchPlan, SearchState
-from frenetic.campaign.objective import MOOBD, Objective, worst_test
+from frenetic.campaign.objective import MOOBD, Objective
+from frenetic.campaign.objective_values import worst_test
 from frenetic.campaign.reader import SOURCES, STARTED_IN
 from frenetic.campaign.record import Test
 from frenetic.campaign.second_drive import SecondDrive
 from frenetic.campaign.session import SearchSession, saying_what_is_stored
-from frenetic.campaign.status import has_judged, next_campaign, stored_budget
 from frenetic.campaign.store import CampaignStore
+from frenetic.campaign.stored_spec import stored_budget
 from frenetic.campaign.summary import EventListener, Summary
 from frenetic.campaign.tester import RoadTester
 from frenetic.campaign.warm_start import earlier_evaluations, numbered, take_starts
@@ -56,7 +57,7 @@ from frenetic.conditions.domain import Domain
 from frenetic.drivers.driver import Driver
 from frenetic.errors import CampaignError
 from frenetic.parts.registry import options_of
-from frenetic.parts.trust import is_here, unsigned_text
+from frenetic.parts.trust import unsigned_text
 from frenetic.parts.versions import package_versions
 from frenetic.road import MAP_MARGIN
 from frenetic.search.strategy import Strategy
@@ -67,45 +68,46 @@ from frenetic.spec import USUAL, Budget, Spec
 from frenetic.spec.part_record import PARTS
 from frenetic.spec.terms import Terms
 
-_LOGGED: Final = ("seed", *PARTS, "budget", "workers", "max_in_flight", "versions")
-"""Entries of the configuration that stand in the log's first line."""
+_LOGGED_ENTRIES: Final = ("seed", *PARTS, "budget", "workers", "max_in_flight", "versions")
+"""Entries of the configuration that the log's first line repeats."""
 
 
 class Campaign(NotebookRepr):
     """One search with its budget.
 
     Args:
-        strategy: proposes roads; a new one for each campaign.
-        simulator: drives them.
+        strategy: strategy that proposes the roads; each campaign needs a new one.
+        simulator: simulator in which the roads are driven.
         driver: the system under test.
-        budget: its first spent limit ends the campaign; without a budget, `run` takes a number of
-            simulations.
-        terms: map, lanes, roads and conditions of the drives; by default as the strategy has them.
-        folder: for results, created if need be; by default a new folder under ``campaigns/``.
+        budget: limits, the first of which ends the campaign when it is spent; without a budget,
+            `run` takes a number of simulations.
+        terms: map, lanes, roads and conditions of the drives; by default the strategy's.
+        folder: folder for results, created if need be; by default a new one under ``campaigns/``.
         workers: number of roads driven at once, or the address of a Dask scheduler whose workers
-            drive. 1 drives in this process, which does not survive a driver that kills or hangs
-            it, closes its files or leaves its folder, unless `isolate` says otherwise. More are
-            processes on this machine, each with a simulator and a driver.
+            drive. One worker drives in this process, unless `isolate` is set: a driver that kills
+            or hangs the process, closes its files or leaves its folder ends the campaign. More
+            workers are processes on this machine, each with a simulator and a driver.
         isolate: whether a single worker drives in another process, unless all code is compiled.
         max_in_flight: candidates outstanding at once; the strategy learns their results in the
             order of asking. So the campaign depends on max_in_flight and seed, not on number and
             speed of the workers. By default 1 with one worker, `MAX_IN_FLIGHT` or more.
         drive_limit: wall time in s after which a worker that tests one road counts as hanging; by
-            default 1.5 times the simulator's ``wall_limit`` and 10 s.
+            default 1.5 times the simulator's ``wall_limit``, plus 10 s.
         objective: name of the value that the strategy minimises, see `frenetic.campaign.objective`.
-        start_from: folders of earlier campaigns, such as a campaign with the driver's last version.
-            The strategy, which has `start_from`, drives their failing roads again. The campaign
+        start_from: folders of earlier campaigns, such as one with the driver's last version. The
+            strategy, which needs `start_from`, drives their failing roads again. The campaign
             stores the roads that it takes.
         from_roads: folder of real roads, which are stored, driven first and then changed. Their
             class is `frenetic.road.real_roads.shown_class`.
-        description: other facts for the campaign's configuration.
-        spec: names driver and simulator, so that each process that drives makes them from the
-            current folder; if it names the strategy, too, commands can go on with the campaign.
+        description: other entries for the campaign's configuration.
+        spec: spec that names driver and simulator, so that each process that drives makes them
+            from the current folder. If it names the strategy, too, commands can resume the
+            campaign.
 
     Raises:
         ValueError: an option is out of range.
         FreneticError: the objective cannot be loaded, `start_from` is a single folder, or the
-            simulator does not lay the roads of the class.
+            simulator cannot build the roads of the class.
     """
 
     def __init__(
@@ -234,7 +236,7 @@ class Campaign(NotebookRepr):
 
     @property
     def _code(self) -> CodeRecord:
-        """Code of its parts."""
+        """Code of the campaign's parts."""
         is_named = "strategy" not in self.description
         return CodeRecord(self.tester, self.strategy, self.objective, self.spec, is_named)
 
@@ -272,15 +274,15 @@ class Campaign(NotebookRepr):
     ) -> Summary:
         """Search until the budget is spent or Ctrl-C is pressed, and store every test.
 
-        Called again, it goes on where it stopped: ``run(20)`` and ``run(30)`` give the same tests
-        as ``run(50)`` where the campaign has a budget of 50 simulations or more.
+        A further call continues where the last one stopped: ``run(20)`` and ``run(30)`` give the
+        same tests as ``run(50)`` if the campaign has a budget of 50 simulations or more.
 
         After the first Ctrl-C only running tests are finished; the second ends the campaign at
         once.
 
         Args:
             simulations: most drives of this call. A budget with fewer simulations grows to allow
-                them, a limit of time or failures stays. None: all that is left of the budget.
+                them; a limit of time or failures stays. None for all that is left of the budget.
             on_event: called with each `Event`: the start, every result, the first Ctrl-C. It may
                 `stop` the campaign. An exception that it raises ends the run and is raised; all
                 results are stored, and the next `run` begins with the tests that were stored but
@@ -304,7 +306,7 @@ class Campaign(NotebookRepr):
         if isinstance(self.workers, str):
             cluster_workers().require_scheduler(self.workers)
         if self._state is not None:
-            return self._go_on(self._state, limit, on_event)
+            return self._continue(self._state, limit, on_event)
         step = (options_of(self.strategy) or {}).get("step")
         folders = [earlier.folder for earlier in self.start_from]
         self.start_from, taken, settings, self.notes = take_starts(
@@ -325,10 +327,11 @@ class Campaign(NotebookRepr):
             return self._search(LogEvent.STARTED, store, state, limit, on_event)
 
     def _allow(self, simulations: int | None) -> int | None:
-        """Return the number of simulations at which to stop, if any; have the budget allow it.
+        """Return the number of simulations at which to stop, if any, and let the budget allow it.
 
         Raises:
-            ValueError: as for `run`.
+            ValueError: there is neither a budget nor a number of simulations, or the number is no
+                whole number of at least 1.
         """
         if simulations is None:
             if self.budget is None:
@@ -345,10 +348,10 @@ class Campaign(NotebookRepr):
             self.budget = replace(self.budget, simulations=limit)
         return limit
 
-    def _go_on(
+    def _continue(
         self, state: SearchState, limit: int | None, on_event: EventListener | None
     ) -> Summary:
-        """Search on after an earlier `run` or `resume` of this object."""
+        """Continue the search after an earlier `run` or `resume` of this object."""
         summary = state.summary
         with CampaignStore.open(self.folder, readonly=False) as store:
             if sum(store.by_outcome().values()) != summary.result_count:
@@ -356,37 +359,37 @@ class Campaign(NotebookRepr):
                     f"{self.folder} was written by another process since: resume() a campaign with"
                     " a fresh strategy"
                 )
-            summary.spend(self._required_budget, summary.seconds)
+            summary.update_budget_spent(self._required_budget, summary.seconds)
             return self._search(LogEvent.RESUMED, store, state, limit, on_event)
 
     def stop(self) -> None:
-        """Stop the campaign after the running tests, like the first Ctrl-C.
+        """Stop a running campaign after the running tests, like the first Ctrl-C.
 
-        Called from `on_event`, or from another thread. `run` goes on again. Nothing
-        happens unless it runs.
+        Call it from `on_event` or another thread. A later `run` continues the campaign.
         """
         if self._session is not None and self._session.interrupt is not None:
             self._session.interrupt.requested = True
 
     @property
     def _required_budget(self) -> Budget:
-        assert self.budget is not None, "`_allow` or `resume` has seen to it"
+        assert self.budget is not None, "`_allow` or `resume` has set it"
         return self.budget
 
     def resume(self, *, on_event: EventListener | None = None) -> Summary:
         """Resume the campaign in the folder, whatever ended it.
 
-        The strategy must be fresh; the log is replayed to it. If it proposes other roads than the
-        log holds, the campaign is not resumed. Candidates without a result are tested
-        next. With a budget in simulations, an interrupted campaign ends with the same tests as an
-        uninterrupted one. Time spent before counts. Without a budget, the stored budget holds.
+        The strategy must be fresh: it is asked again, and told the stored results. If it proposes
+        other roads than the stored ones, the campaign is not resumed. Candidates without a result
+        are tested next. With a budget in simulations, an interrupted campaign ends with the same
+        tests as an uninterrupted one. Time that was spent before counts. Without a budget, the
+        stored budget applies.
 
         Args:
-            on_event: as for `run`; called with new results only.
+            on_event: as for `run`, but called with new results only.
 
         Raises:
             CampaignError: there is no such campaign, another process writes it, it was made with
-                other parts, the strategy replays differently, or as for `run`.
+                other parts, the strategy proposes other roads, or for a cause that `run` names.
         """
         with CampaignStore.open(self.folder, readonly=False) as store:
             if self.budget is None:
@@ -408,19 +411,13 @@ class Campaign(NotebookRepr):
             return self._search(LogEvent.RESUMED, store, state, None, on_event)
 
     def _keep_map_margin(self) -> None:
-        """Have the strategy check roads with this campaign's margin."""
+        """Let the strategy check roads with this campaign's margin to the map's edge."""
         if (map_margin := self.tester.terms.map_margin) != MAP_MARGIN:
             self.strategy.keep_map_margin(map_margin)
 
     def next_campaign(self) -> str:
         """Return the advice to start another campaign with the present parts."""
-        if (spec := self.spec) is None:
-            command = shlex.join(["frenetic", "run", "--from", str(self.folder)])
-            return f"start a new campaign from this one: {command}"
-        with CampaignStore.open(self.folder) as store:
-            has_drives = has_judged(store)
-        is_named = is_here(self._code.folder)
-        return next_campaign(spec, self.folder, has_drives=has_drives, names_parts=is_named)
+        return new_campaign_advice(self.spec, self.folder, self._code.folder)
 
     def _search(
         self,
@@ -430,19 +427,22 @@ class Campaign(NotebookRepr):
         limit: int | None,
         on_event: EventListener | None,
     ) -> Summary:
-        """Test until the budget is spent, as `run` and `resume` do."""
+        """Log the start, then search in a session until the budget is spent or it is stopped."""
         self.started = True
         summary = state.summary
         if event is LogEvent.RESUMED:
-            # However this process ends, the campaign is resumed to this budget.
+            # Stored now: however this process ends, a later resume takes this budget.
             store.reopen(budget=asdict(self._required_budget))
         with CampaignLog(self.folder) as log, saying_what_is_stored(store, summary):
             configuration = self.configuration()
-            fields: dict[str, Any] = {name: configuration[name] for name in _LOGGED}
-            after = f" after {counted(count, 'result')}" if (count := summary.result_count) else ""
-            log.write(event, event + after, process_id=os.getpid(), host=platform.node(), **fields)
-            for note in self.notes if event is LogEvent.STARTED else ():
-                log.write(LogEvent.LOG, note, logger=__name__)
+            fields: dict[str, Any] = {name: configuration[name] for name in _LOGGED_ENTRIES}
+            message = str(event)
+            if count := summary.result_count:
+                message += f" after {counted(count, 'result')}"
+            log.write(event, message, process_id=os.getpid(), host=platform.node(), **fields)
+            if event is LogEvent.STARTED:
+                for note in self.notes:
+                    log.write(LogEvent.LOG, note, logger=__name__)
             if (spec := self.spec) is not None:
                 spec.signed_in(self._code.folder).write(self.folder)
             self._state = None

@@ -56,7 +56,7 @@ def _specs(folder: Path, options: CommandOptions) -> tuple[Spec, Spec, Path]:
     """
     from frenetic.campaign import CampaignStore
     from frenetic.campaign.configuration import SPEC
-    from frenetic.campaign.status import is_client_driven
+    from frenetic.campaign.stored_spec import is_client_driven
 
     with CampaignStore.open(folder) as store:
         if store.config.get(SPEC) is None:

@@ -12,7 +12,7 @@ from typing import Final
 import click
 
 from frenetic._support.words import format_duration
-from frenetic.campaign.status import CampaignState, News, Status, look
+from frenetic.campaign.status import CampaignState, News, Status, read_state
 from frenetic.cli import echo
 from frenetic.cli.console import ResultsConsole, live_line, print_facts, progress_text
 
@@ -24,7 +24,7 @@ SHARE: Final = 0.1
 
 def follow(folder: Path, *, as_json: bool) -> None:
     """Show a campaign until it ends, or print its state as JSON; exit with 1 unless it finished."""
-    state = look(folder)
+    state = read_state(folder)
     if as_json:
         echo(json.dumps({"folder": str(folder)} | state.as_json()))
         return
@@ -44,7 +44,7 @@ def follow(folder: Path, *, as_json: bool) -> None:
             known = state.news
             show(state.summary.budget_spent, partial(progress_text, state.summary))
             start = time.perf_counter()
-            state = look(folder)
+            state = read_state(folder)
             spent = time.perf_counter() - start
             time.sleep(max(INTERVAL, spent / SHARE))
     if state.status is not began:
@@ -58,8 +58,8 @@ def _facts(state: CampaignState, folder: Path) -> list[tuple[str, str]]:
     summary, status = state.summary, str(state.status)
     if state.status is Status.UNKNOWN:
         status += f": {state.writer} may write it"
-    elif state.going_on:
-        status += f"; go on: {state.going_on}"
+    elif state.resume_command:
+        status += f"; go on: {state.resume_command}"
     elif state.status is Status.RUNNING:
         status += f" in {state.writer}"
     left = state.seconds_left

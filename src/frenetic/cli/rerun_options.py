@@ -27,8 +27,8 @@ if TYPE_CHECKING:
 def campaign_source(store: CampaignStore) -> PartsSource:
     """Return a campaign as a source of parts."""
     from frenetic.campaign.reader import SIGNATURE, SOURCES, STARTED_IN
-    from frenetic.campaign.status import signed_spec
     from frenetic.campaign.store import CampaignStore
+    from frenetic.campaign.stored_spec import signed_spec
 
     def sign(signed: Signed) -> None:
         facts = {STARTED_IN: signed.folder, SIGNATURE: signed.signature}
@@ -58,7 +58,7 @@ def campaign_spec(
         click.UsageError: other roads are given.
     """
     from frenetic.campaign.configuration import SPEC
-    from frenetic.campaign.status import is_client_driven
+    from frenetic.campaign.stored_spec import is_client_driven
 
     if options.says("roads"):
         raise click.UsageError("--roads is for a ROAD file: a campaign has its own road class")

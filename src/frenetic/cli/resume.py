@@ -66,14 +66,14 @@ def resume(
     this command only.
     """
     from frenetic.campaign import CampaignStore
+    from frenetic.campaign.advice import has_judged_drive
     from frenetic.campaign.configuration import SPEC
-    from frenetic.campaign.status import has_judged
     from frenetic.report import results
     from frenetic.report.html.campaign import has_report
 
     with CampaignStore.open(campaign) as store:
         config, facts, counts = store.config, store.facts, store.counts()
-        seconds_spent, has_drives = store.elapsed(), has_judged(store)
+        seconds_spent, has_drives = store.elapsed(), has_judged_drive(store)
         source = None if config.get(SPEC) is None else campaign_source(store)
         is_reported = has_report(store)
     source = _require_search(campaign, config, source)
@@ -123,7 +123,7 @@ def _require_search(
         click.UsageError: another command or program goes on with the campaign.
     """
     from frenetic.campaign.configuration import owner_of
-    from frenetic.campaign.status import is_client_driven
+    from frenetic.campaign.stored_spec import is_client_driven
 
     if owner := owner_of(config):
         raise click.UsageError(f"{campaign} {owner.summary}: {owner.advice}")
@@ -186,7 +186,7 @@ def _refuse_edited_parts(
     Raises:
         CampaignError: a file of a part was edited.
     """
-    from frenetic.campaign.status import next_campaign
+    from frenetic.campaign.advice import next_campaign
     from frenetic.parts.versions import edited_files
     from frenetic.spec.part_record import PARTS
 

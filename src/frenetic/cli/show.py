@@ -254,7 +254,7 @@ def _facts_of_campaign(store: CampaignStore, counts: Counts) -> list[tuple[str, 
     from frenetic.analysis.criteria import criteria_text
     from frenetic.campaign.configuration import earlier_of
     from frenetic.campaign.guarded_strategy import FACTS
-    from frenetic.campaign.objective import as_text
+    from frenetic.campaign.objective_values import objective_text
     from frenetic.campaign.second_drive import not_repeatable
     from frenetic.campaign.summary import facts_text
     from frenetic.campaign.warm_start import still_failing
@@ -278,7 +278,7 @@ def _facts_of_campaign(store: CampaignStore, counts: Counts) -> list[tuple[str, 
         ("roads", "" if setting.road_class is None else setting.road_class.as_text()),
         ("domain", "" if setting.domain is None else setting.domain.as_text()),
         ("how often", "" if rate is None else rate.as_text()),
-        ("objective", as_text(store)),
+        ("objective", objective_text(store)),
         *(("starts from", str(earlier)) for earlier in earlier_of(config)),
         ("budget", budget),
         ("go on", _going_on(store)),
@@ -294,7 +294,7 @@ def _facts_of_campaign(store: CampaignStore, counts: Counts) -> list[tuple[str, 
 
 def _budget(store: CampaignStore) -> str:
     """Return the budget of a campaign, and whether it was spent."""
-    from frenetic.campaign.status import stored_budget
+    from frenetic.campaign.stored_spec import stored_budget
 
     facts = store.facts
     try:
@@ -309,14 +309,14 @@ def _budget(store: CampaignStore) -> str:
 def _going_on(store: CampaignStore) -> str:
     """Return the command that goes on with a campaign or writes its report; empty if finished."""
     from frenetic.campaign.configuration import OWNER, SPEC
-    from frenetic.campaign.status import Status, look
+    from frenetic.campaign.status import Status, read_state
     from frenetic.report.html.campaign import has_report
 
-    state, config = look(store.folder), store.config
+    state, config = read_state(store.folder), store.config
     is_search = config.get(SPEC) is not None and config.get(OWNER) is None
     if state.status is Status.FINISHED and is_search and not has_report(store):
         return f"frenetic resume {shell(store.folder)}"
-    return state.going_on
+    return state.resume_command
 
 
 def _conditions(store: CampaignStore) -> Mapping[str, float]:
@@ -393,8 +393,8 @@ def _origin(store: CampaignStore, test: Test) -> str:
 
 def _show_test(store: CampaignStore, test_id: int, as_json: bool) -> None:
     """Draw a test and print it in full."""
-    from frenetic.campaign.objective import value_text
-    from frenetic.campaign.status import signed_driving
+    from frenetic.campaign.objective_values import value_text
+    from frenetic.campaign.stored_spec import signed_driving
     from frenetic.report.failures import road_document
     from frenetic.report.minimised import minimised_drives, minimised_road
 

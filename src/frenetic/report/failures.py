@@ -15,8 +15,8 @@ from frenetic._support.json_value import JSONValue
 from frenetic._support.words import simulated_time
 from frenetic.campaign.database import DATABASE
 from frenetic.campaign.record import Test
-from frenetic.campaign.status import signed_driving
 from frenetic.campaign.store import CampaignStore
+from frenetic.campaign.stored_spec import signed_driving
 from frenetic.errors import CampaignError
 from frenetic.oracle.outcome import Outcome
 from frenetic.oracle.verdict import Result
@@ -67,7 +67,7 @@ def road_document(
     Args:
         record: the test.
         config: configuration of the campaign.
-        spec: the spec from `frenetic.campaign.status.signed_driving`.
+        spec: the spec from `frenetic.campaign.stored_spec.signed_driving`.
     """
     candidate, road = record.candidate, record.road
     return {

@@ -22,7 +22,7 @@ from frenetic.campaign.configuration import Owner
 from frenetic.campaign.counts import Counts
 from frenetic.campaign.database import DATABASE
 from frenetic.campaign.objective import MOOBD
-from frenetic.campaign.status import stored_budget
+from frenetic.campaign.stored_spec import stored_budget
 from frenetic.errors import CampaignError, CampaignGoneError
 from frenetic.parts.versions import SHORT
 from frenetic.search import Strategy
@@ -167,7 +167,7 @@ def report_complete(
 ) -> None:
     """Report to ``on_event`` that a campaign holds all of its drives, with their counts."""
     if on_event is not None:
-        on_event(Event("complete", Summary.over(counts, folder=folder, budget_spent=1.0)))
+        on_event(Event("complete", Summary.from_counts(counts, folder=folder, budget_spent=1.0)))
 
 
 def purpose_of(store: CampaignStore) -> Mapping[str, Any]:

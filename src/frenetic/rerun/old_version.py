@@ -26,8 +26,8 @@ from frenetic.campaign.counts import Counts
 from frenetic.campaign.database import DATABASE
 from frenetic.campaign.reader import SOURCES
 from frenetic.campaign.record import Test
-from frenetic.campaign.status import signed_spec
 from frenetic.campaign.store import CampaignStore
+from frenetic.campaign.stored_spec import signed_spec
 from frenetic.campaign.summary import Event, EventKind, Progress, Summary
 from frenetic.campaign.tester import RoadTester
 from frenetic.errors import CampaignError

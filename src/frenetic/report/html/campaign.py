@@ -32,13 +32,13 @@ from frenetic.analysis.criteria import criteria_text
 from frenetic.analysis.failures import Failure
 from frenetic.analysis.features import Features, features_of
 from frenetic.analysis.segments import Segment, segment_of_test
+from frenetic.campaign.advice import resume_command
 from frenetic.campaign.configuration import OWNER, SPEC, earlier_of
 from frenetic.campaign.counts import Counts
 from frenetic.campaign.guarded_strategy import FACTS
-from frenetic.campaign.objective import as_text as objective_text
+from frenetic.campaign.objective_values import objective_text
 from frenetic.campaign.record import Test
 from frenetic.campaign.second_drive import not_repeatable
-from frenetic.campaign.status import going_on
 from frenetic.campaign.store import CampaignStore
 from frenetic.campaign.summary import facts_text
 from frenetic.campaign.warm_start import still_failing
@@ -337,9 +337,11 @@ def headline(
     criteria, seed = criteria_text(store), config.get("seed")
     warnings = [not_repeatable(facts), str(facts.get("notice", "")), caution(store)]
     if facts.get("interrupted"):
-        warnings.insert(0, f"interrupted before its budget was spent; go on: {going_on(store)}")
+        warnings.insert(
+            0, f"interrupted before its budget was spent; go on: {resume_command(store)}"
+        )
     elif "finished_at" not in facts:
-        killed = f"if it was killed, go on: {going_on(store)}"
+        killed = f"if it was killed, go on: {resume_command(store)}"
         warnings.insert(0, f"not finished: the campaign was still running, or was killed; {killed}")
     road_class, domain = store.setting.road_class, store.setting.domain
     estimate = None if domain is None else FailureRate.read(store.folder)
