@@ -23,9 +23,10 @@ from small_disk import Bounded, Breaking
 
 from frenetic._support.json_value import JSONValue
 from frenetic.campaign.check import check_campaign
+from frenetic.campaign.columns import CANDIDATE_COLUMNS, TEST_COLUMNS
 from frenetic.campaign.database import APPLICATION_ID, DATABASE, FORMAT
 from frenetic.campaign.lock import lock_file
-from frenetic.campaign.record import ASKED, FINISHED, Test
+from frenetic.campaign.record import Test
 from frenetic.campaign.store import CampaignStore
 from frenetic.campaign.trajectory_codec import rounded
 from frenetic.errors import CampaignError, Fault
@@ -173,7 +174,7 @@ def with_numpy_numbers(test: Test) -> Test:
     test = changed(test, "candidate.conditions", {"fog": np.float64(60.0)})
     test = changed(test, "candidate.notes", {"drawn": np.int64(3), "far": np.float32(0.5)})
     test = changed(test, "candidate.source.test", np.int64(3))
-    for column in FINISHED:
+    for column in TEST_COLUMNS:
         if column.kind in ("REAL", "INTEGER") and column.name not in ("id", "records"):
             number = np.float64(0.25) if column.kind == "REAL" else np.int64(1)
             test = changed(test, column.path, number)
@@ -241,7 +242,9 @@ def test_the_full_test_has_a_value_in_each_column(store: CampaignStore) -> None:
 
 @pytest.mark.parametrize("value", [np.nan, -np.inf])
 def test_numbers_that_are_not_finite_are_refused(store: CampaignStore, value: float) -> None:
-    candidate_columns = [column for column in ASKED if column.kind in ("REAL", "REALS", "PAIRS")]
+    candidate_columns = [
+        column for column in CANDIDATE_COLUMNS if column.kind in ("REAL", "REALS", "PAIRS")
+    ]
     for column in candidate_columns:
         bad = value if column.kind == "REAL" else np.full((3, 2)[: len(column.kind) - 3], value)
         with pytest.raises(ValueError, match=column.name):
@@ -251,7 +254,9 @@ def test_numbers_that_are_not_finite_are_refused(store: CampaignStore, value: fl
             store.add_candidate(changed(FULL.candidate, name, {"fog": value}))
     store.add_candidate(FULL.candidate)
     result_columns = [
-        column for column in FINISHED if column.kind == "REAL" and column not in candidate_columns
+        column
+        for column in TEST_COLUMNS
+        if column.kind == "REAL" and column not in candidate_columns
     ]
     for column in result_columns:
         with pytest.raises(ValueError, match=column.name):

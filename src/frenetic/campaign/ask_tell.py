@@ -176,7 +176,7 @@ class Told(Struct, forbid_unknown_fields=True):
             seconds=seconds,
             reported_share=self.budget_spent,
         )
-        return attempt.pack(keep=True)
+        return attempt.pack(keep_exact=True)
 
 
 @dataclass(frozen=True)

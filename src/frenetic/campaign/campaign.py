@@ -478,7 +478,7 @@ class Campaign(NotebookRepr):
             drive_limit=self.drive_limit,
             log=log,
             ahead=self.max_in_flight != 1,
-            keep=isinstance(self.strategy, ObservingStrategy),
+            keep_exact=isinstance(self.strategy, ObservingStrategy),
         )
 
     @property

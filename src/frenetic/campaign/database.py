@@ -11,26 +11,39 @@ from pathlib import Path
 from typing import Any, Final
 
 from frenetic._support.files import flush
-from frenetic.campaign.record import ASKED, FINDING, FINISHED, REPORTED, Test, row_of
+from frenetic.campaign.columns import (
+    CANDIDATE_COLUMNS,
+    FINDING_COLUMNS,
+    RESULT_COLUMNS,
+    TEST_COLUMNS,
+    row_of,
+)
+from frenetic.campaign.record import Test
 from frenetic.campaign.trajectory_codec import encode
 from frenetic.errors import CampaignError
 
 DATABASE: Final = "campaign.sqlite"
 """Name of the database in a campaign's folder."""
 FORMAT: Final = 7
-"""Format of the database (`PRAGMA user_version`); another one is refused."""
+"""Format of the database (`PRAGMA user_version`); a database of another format is refused."""
 APPLICATION_ID: Final = int.from_bytes(b"FrnC")
-"""Mark of our campaigns among SQLite files (`PRAGMA application_id`)."""
-_BUSY_TIMEOUT: Final = 10.0  # [s] that a reader waits for the writer, ours
+"""Number that marks a SQLite file as a campaign of ours (`PRAGMA application_id`)."""
+_BUSY_TIMEOUT: Final = 10.0
+"""Longest time that a reader waits for the writer, in s (our choice)."""
 
 
-def listed(columns: Sequence[object]) -> str:
-    """Return columns as SQL lists them."""
+def comma_list(columns: Sequence[object]) -> str:
+    """Return the text of columns, separated by commas."""
     return ", ".join(map(str, columns))
 
 
-_ASKED: Final = [*(column.name for column in ASKED), "asked_after"]
-_REPORTED: Final = [*(column.name for column in REPORTED), "trajectory"]
+def _placeholders(count: int) -> str:
+    """Return SQL's placeholders for a number of values: ``?, ?, ?``."""
+    return comma_list("?" * count)
+
+
+_CANDIDATE_NAMES: Final = [*(column.name for column in CANDIDATE_COLUMNS), "asked_after"]
+_RESULT_NAMES: Final = [*(column.name for column in RESULT_COLUMNS), "trajectory"]
 
 
 @dataclass(frozen=True)
@@ -45,15 +58,15 @@ class Tables:
     @property
     def schema(self) -> str:
         """Statements that create the tables."""
-        # asked_after is the number of results that the strategy knew when it proposed the candidate
+        # asked_after: the number of results that the strategy knew when it proposed the candidate.
         return f"""
             CREATE TABLE {self.test} (
-                {listed([f"{column.name} {column.sql_type}" for column in FINISHED])},
+                {comma_list([f"{column.name} {column.sql_type}" for column in TEST_COLUMNS])},
                 asked_after INTEGER NOT NULL, trajectory BLOB, PRIMARY KEY (id)
             ) STRICT;
             CREATE TABLE {self.finding} (
                 test INTEGER NOT NULL REFERENCES {self.test} (id), number INTEGER NOT NULL,
-                {listed([f'"{column.name}" {column.sql_type}' for column in FINDING])},
+                {comma_list([f'"{column.name}" {column.sql_type}' for column in FINDING_COLUMNS])},
                 PRIMARY KEY (test, number)
             ) STRICT, WITHOUT ROWID;
         """
@@ -61,30 +74,33 @@ class Tables:
     @cached_property
     def insert(self) -> str:
         """Statement that adds a candidate."""
-        return f"INSERT INTO {self.test} ({listed(_ASKED)}) VALUES ({listed('?' * len(_ASKED))})"  # noqa: S608
+        return (
+            f"INSERT INTO {self.test} ({comma_list(_CANDIDATE_NAMES)})"  # noqa: S608
+            f" VALUES ({_placeholders(len(_CANDIDATE_NAMES))})"
+        )
 
     @cached_property
     def update(self) -> str:
         """Statement that adds the result of a candidate."""
-        values = listed([f"{name} = ?" for name in _REPORTED])
+        values = comma_list([f"{name} = ?" for name in _RESULT_NAMES])
         return f"UPDATE {self.test} SET {values} WHERE id = ?"  # noqa: S608
 
     @cached_property
     def insert_finding(self) -> str:
         """Statement that adds a finding."""
-        return f"INSERT INTO {self.finding} VALUES ({listed('?' * (len(FINDING) + 2))})"  # noqa: S608
+        return f"INSERT INTO {self.finding} VALUES ({_placeholders(2 + len(FINDING_COLUMNS))})"  # noqa: S608
 
     def select(self, count: int) -> str:
         """Return the statement that reads `count` tests by their ids."""
-        columns = listed([column.name for column in FINISHED])
-        return f"SELECT {columns} FROM {self.test} WHERE id IN ({listed('?' * count)})"  # noqa: S608
+        columns = comma_list([column.name for column in TEST_COLUMNS])
+        return f"SELECT {columns} FROM {self.test} WHERE id IN ({_placeholders(count)})"  # noqa: S608
 
     def select_findings(self, count: int) -> str:
         """Return the statement that reads the findings of `count` tests."""
-        columns = listed([f'"{column.name}"' for column in FINDING])
+        columns = comma_list([f'"{column.name}"' for column in FINDING_COLUMNS])
         return (
             f"SELECT test, {columns} FROM {self.finding}"  # noqa: S608
-            f" WHERE test IN ({listed('?' * count)}) ORDER BY test, number"
+            f" WHERE test IN ({_placeholders(count)}) ORDER BY test, number"
         )
 
     def rows_of(self, test: Test, packed: bytes | None = None) -> dict[str, list[tuple[Any, ...]]]:
@@ -100,9 +116,11 @@ class Tables:
         if packed is None and test.trajectory is not None:
             packed = encode(test.trajectory)
             test = replace(test, records=len(test.trajectory))
-        findings = enumerate([row_of(finding, FINDING) for finding in test.result.findings], 1)
+        findings = enumerate(
+            [row_of(finding, FINDING_COLUMNS) for finding in test.result.findings], 1
+        )
         return {
-            self.update: [(*row_of(test, REPORTED), packed, test.id)],
+            self.update: [(*row_of(test, RESULT_COLUMNS), packed, test.id)],
             self.insert_finding: [(test.id, number, *row) for number, row in findings],
         }
 
@@ -119,7 +137,12 @@ CREATE TABLE fact (name TEXT PRIMARY KEY, value TEXT NOT NULL) STRICT, WITHOUT R
 
 
 def connect(path: Path, options: str) -> sqlite3.Connection:
-    """Return a connection without transactions of its own: the caller begins and ends each."""
+    """Return a connection that opens no transaction by itself: the caller begins and ends each.
+
+    Args:
+        path: path of the database.
+        options: query of SQLite's URI, such as ``mode=ro``.
+    """
     uri = f"{path.resolve().as_uri()}?{options}"
     return sqlite3.connect(uri, uri=True, timeout=_BUSY_TIMEOUT, isolation_level=None)
 
@@ -130,14 +153,15 @@ def connect_to_read(path: Path) -> sqlite3.Connection:
     Raises:
         CampaignError: the database cannot be read.
     """
-    with translated(path):
+    with errors_about(path):
         connection = connect(path, "mode=ro")
         try:
             connection.execute("PRAGMA user_version").fetchone()
         except sqlite3.Error as error:
             connection.close()
-            # Even a reader creates files beside the database, which fails in a folder that it may
-            # not write. Without a writer's log there is no writer, as `immutable` promises.
+            # A reader, too, creates files beside the database, which fails in a folder that it may
+            # not write. `immutable` avoids them, but promises that nobody writes: this is so if
+            # there is no write-ahead log.
             code = getattr(error, "sqlite_errorcode", 0) & 0xFF
             is_written = path.with_name(f"{DATABASE}-wal").exists()
             if code not in (sqlite3.SQLITE_CANTOPEN, sqlite3.SQLITE_READONLY) or is_written:
@@ -147,7 +171,7 @@ def connect_to_read(path: Path) -> sqlite3.Connection:
 
 
 def check_identity(connection: sqlite3.Connection, path: Path) -> None:
-    """Check that a database belongs to a campaign and has this format.
+    """Check that a database belongs to a campaign and has the format of this version.
 
     Raises:
         CampaignError: the database is another program's, or has another format.
@@ -167,10 +191,15 @@ def check_identity(connection: sqlite3.Connection, path: Path) -> None:
 
 
 def make_database(path: Path, rows: Mapping[str, Sequence[tuple[Any, ...]]]) -> None:
-    """Write a complete campaign without tests to a new file."""
+    """Write a complete campaign without tests to a new file.
+
+    Args:
+        path: path of the new file.
+        rows: SQL statement -> the rows with whose values it is executed.
+    """
     connection = connect(path, "mode=rwc")
     try:
-        # The file counts once it is complete, so only its end waits for the disk.
+        # Nobody reads the file before it is complete, so only `flush` waits for the disk.
         connection.execute("PRAGMA synchronous = OFF")
         connection.execute("PRAGMA journal_mode = MEMORY").fetchone()
         connection.executescript(_SCHEMA)
@@ -185,16 +214,17 @@ def make_database(path: Path, rows: Mapping[str, Sequence[tuple[Any, ...]]]) -> 
 
 
 @contextmanager
-def translated(path: Path) -> Iterator[None]:
+def errors_about(path: Path) -> Iterator[None]:
     """Turn errors of SQLite and the file system into a `CampaignError` about `path`."""
     try:
         yield
     except sqlite3.Error as error:
-        # Extended codes carry the primary one in their lowest byte; Python's own errors have none.
+        # An extended code has the primary code in its lowest byte; errors of Python's module have
+        # no code.
         code = getattr(error, "sqlite_errorcode", 0) & 0xFF
         text = " ".join(str(error).split())
         raise CampaignError(f"{path} {_EXPLAINED.get(code, _UNEXPLAINED).format(text)}") from error
-    except UnicodeDecodeError as error:  # SQLite quotes damaged text
+    except UnicodeDecodeError as error:  # raised for damaged text, which SQLite's message quotes
         raise CampaignError(f"{path} {_EXPLAINED[sqlite3.SQLITE_CORRUPT].format(error)}") from error
     except OSError as error:
         raise CampaignError(

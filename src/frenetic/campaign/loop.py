@@ -311,7 +311,7 @@ class Dispatcher:
         self._tell(candidate, Attempt.undriven(candidate.id, Outcome.DROPPED, reason))
 
     def _tell(self, candidate: Candidate, attempt: Attempt) -> None:
-        attempt = attempt.pack(keep=True)
+        attempt = attempt.pack(keep_exact=True)
         summary, result = self._summary, attempt.result
         summary.add(candidate, result.outcome, result.moobd)
         summary.drive_seconds += attempt.seconds

@@ -16,9 +16,17 @@ from msgspec import convert
 from frenetic._support.json_value import JSONValue
 from frenetic._support.notebook import NotebookRepr
 from frenetic._support.outside_text import read_json
+from frenetic.campaign.columns import read_candidate, read_test
 from frenetic.campaign.counts import Counts, FirstTests, road_key
-from frenetic.campaign.database import DATABASE, EARLIER_TESTS, TESTS, Tables, listed, translated
-from frenetic.campaign.record import Test, read_candidate, read_test
+from frenetic.campaign.database import (
+    DATABASE,
+    EARLIER_TESTS,
+    TESTS,
+    Tables,
+    comma_list,
+    errors_about,
+)
+from frenetic.campaign.record import Test
 from frenetic.campaign.trajectory_codec import decode
 from frenetic.errors import CampaignError
 from frenetic.oracle.drive import Trajectory
@@ -28,38 +36,43 @@ from frenetic.search.records import Candidate
 from frenetic.spec.terms import DriveSetting
 
 EARLIER_SETTINGS: Final = "earlier_settings"
-"""Fact with the settings of earlier campaigns from which this search starts, by their folders."""
+"""Name of the fact with the settings of the campaigns from which a search starts, by folder."""
 SOURCES: Final = "sources"
-"""Fact with the sources of a campaign's parts that are the user's: name of a file -> its text."""
+"""Name of the fact with the sources of the user's own parts: name of a file -> its text."""
 STARTED_IN: Final = "started_in"
-"""Fact with the folder from which a campaign was started, where its parts are found."""
+"""Name of the fact with the folder from which a campaign was started, where its parts are found."""
 SIGNATURE: Final = "signature"
-"""Fact with the user's signature of the code, its folder and its sources."""
+"""Name of the fact with the user's signature of the code, its folder and its sources."""
 Order: TypeAlias = Literal["result_number", "moobd"]
 
-_BATCH: Final = 500  # tests that one SELECT reads, ours
-_UNLISTED: Final = (
+_BATCH: Final = 500
+"""Number of tests that one SELECT reads (our choice)."""
+_UNLISTED_FACTS: Final = (
     "config",
     EARLIER_SETTINGS,
     SOURCES,
     STARTED_IN,
     SIGNATURE,
-)  # facts that are large, or shown elsewhere
-_ROADS: Final = (
-    f"SELECT id, outcome, conditions, step, curvatures, points, {listed(profile.NAMES)} FROM test"  # noqa: S608
-    " WHERE result_number IS NOT NULL AND outcome <> 'DROPPED' ORDER BY result_number"
 )
-_ORDERS: Final = {"result_number": "result_number", "moobd": "moobd IS NULL, moobd, result_number"}
+"""Names of facts that `CampaignReader.facts` leaves out: they are large or shown elsewhere."""
+_SELECT_ROADS: Final = (
+    "SELECT id, outcome, conditions, step, curvatures, points,"  # noqa: S608
+    f" {comma_list(profile.NAMES)} FROM test WHERE result_number IS NOT NULL AND outcome <> 'DROPPED' ORDER BY result_number"
+)
+_ORDER_CLAUSES: Final[Mapping[Order, str]] = {
+    "result_number": "result_number",
+    "moobd": "moobd IS NULL, moobd, result_number",
+}
 
 
 class CampaignReader(NotebookRepr):
-    """The reading side of a `CampaignStore`.
+    """The part of a `CampaignStore` that reads.
 
-    Each read first calls `write`, so it sees the rows that waited.
+    Each read first calls `write`, so it sees the rows that waited to be written.
 
     Args:
-        folder: of the campaign.
-        connection: to the database.
+        folder: folder of the campaign.
+        connection: connection to the campaign's database.
     """
 
     def __init__(self, folder: Path, connection: sqlite3.Connection) -> None:
@@ -67,7 +80,8 @@ class CampaignReader(NotebookRepr):
         """The campaign's folder."""
         self._path = folder / DATABASE
         self._connection = connection
-        self._repeats: tuple[int, frozenset[int]] | None = None  # number of results, repeats
+        # Number of results at which the repeats were read, and their ids; None before the first.
+        self._repeats: tuple[int, frozenset[int]] | None = None
         config = self.fact("config")
         if not isinstance(config, dict):
             raise self._damaged("the config is no JSON object")
@@ -75,11 +89,11 @@ class CampaignReader(NotebookRepr):
         """The campaign's configuration."""
         try:
             self._setting: DriveSetting | str = DriveSetting.of(config)
-        except ValueError as error:
+        except ValueError as error:  # raised when the setting is read
             self._setting = str(error)
 
     def write(self) -> None:
-        """Store the rows that wait; a `CampaignStore` open for reading has none."""
+        """Store the rows that wait; a store that was opened for reading has none."""
 
     def at_a_glance(self) -> str:
         """Return the folder and the results: ``campaigns/night: 70 PASS, 12 FAIL``."""
@@ -108,7 +122,9 @@ class CampaignReader(NotebookRepr):
     def facts(self) -> Mapping[str, JSONValue]:
         """Facts beside the configuration: ``created_at`` and the facts that `finish` added."""
         names = [name for (name,) in self._select("SELECT name FROM fact ORDER BY name")]
-        return MappingProxyType({name: self.fact(name) for name in names if name not in _UNLISTED})
+        return MappingProxyType(
+            {name: self.fact(name) for name in names if name not in _UNLISTED_FACTS}
+        )
 
     def fact(self, name: str) -> JSONValue:
         """Return a fact by its name; None if there is no such fact.
@@ -142,8 +158,8 @@ class CampaignReader(NotebookRepr):
             order_by: ``result_number`` for the order of results, or ``moobd``: lowest first,
                 tests without a MOOBD last.
             limit: most tests.
-            with_trajectory: whether tests come with their trajectories, or the ids of those that
-                do.
+            with_trajectory: whether to read the tests' trajectories; or the ids of the tests whose
+                trajectories to read.
             with_repeats: whether to yield tests that repeat an earlier test, too, see `repeats`;
                 measures leave them out.
 
@@ -152,13 +168,13 @@ class CampaignReader(NotebookRepr):
         """
         condition = "" if outcome is None else f"AND outcome = '{Outcome(outcome)}'"
         self.write()
-        # A stored test never changes, so the ids are a snapshot, and no transaction stays open
-        # between two tests.
+        # A stored test never changes, so the ids alone are a snapshot: no transaction has to stay
+        # open between two tests.
         repeats = frozenset[int]() if with_repeats else self.repeats()
-        most = -1 if limit is None else limit + len(repeats)
+        most = -1 if limit is None else limit + len(repeats)  # SQLite takes -1 as no limit
         ids = self._ids(
             f"SELECT id FROM test WHERE result_number IS NOT NULL {condition}"  # noqa: S608
-            f" ORDER BY {_ORDERS[order_by]} LIMIT {most:d}"
+            f" ORDER BY {_ORDER_CLAUSES[order_by]} LIMIT {most:d}"
         )
         ids = [number for number in ids if number not in repeats][:limit]
         return (
@@ -177,11 +193,11 @@ class CampaignReader(NotebookRepr):
             CampaignError: no test has this id (the message names the existing ids), or the test is
                 damaged.
         """
-        number = self._known(id, "test of candidate", "result_number IS NOT NULL")
+        number = self._existing_id(id, "test of candidate", "result_number IS NOT NULL")
         return self._read([number], with_trajectory)[0]
 
     def trajectory(self, id: int) -> Trajectory | None:  # noqa: A002
-        """Return the trajectory of the candidate with this id; None if none is stored.
+        """Return the trajectory of the candidate with this id; None if nothing was driven.
 
         Raises:
             CampaignError: the trajectory is damaged.
@@ -202,8 +218,8 @@ class CampaignReader(NotebookRepr):
     def earlier(self) -> list[Test]:
         """Return the tests of other campaigns, and the real roads, from which the search starts.
 
-        They come without trajectories, numbered from 1, each with the setting of the campaign that
-        drove it.
+        The tests are numbered from 1 and lack trajectories. Each has the setting of the campaign
+        that drove it.
 
         Raises:
             CampaignError: a test is damaged or missing.
@@ -216,7 +232,7 @@ class CampaignReader(NotebookRepr):
             if test.candidate.source is not None
             else test
             for start in range(0, len(ids), _BATCH)
-            for test in self._read(ids[start : start + _BATCH], False, EARLIER_TESTS)
+            for test in self._read(ids[start : start + _BATCH], tables=EARLIER_TESTS)
         ]
 
     def earlier_trajectory(self, id: int) -> Trajectory | None:  # noqa: A002
@@ -234,7 +250,7 @@ class CampaignReader(NotebookRepr):
             CampaignError: no candidate has this id (the message names the existing ids), or the
                 candidate is damaged.
         """
-        return self._read_candidates([self._known(id, "candidate", "true")])[0]
+        return self._read_candidates([self._existing_id(id, "candidate", "true")])[0]
 
     def candidates(self) -> Iterator[tuple[Candidate, int]]:
         """Yield all candidates in the order of asking, each with the number of results before it.
@@ -254,18 +270,18 @@ class CampaignReader(NotebookRepr):
     def _read(
         self,
         ids: Sequence[int],
-        with_trajectory: bool | Container[int],
+        with_trajectory: bool | Container[int] = False,
         tables: Tables = TESTS,
     ) -> list[Test]:
-        """Return the tests of candidates, in the order of the ids."""
-        has_path = ids if with_trajectory is True else with_trajectory or ()
+        """Return the tests with these ids, in the order of the ids."""
+        with_path = ids if with_trajectory is True else with_trajectory or ()
         setting = self._setting if isinstance(self._setting, DriveSetting) else None
         findings: dict[int, list[Sequence[Any]]] = {}
         for number, *values in self._select(tables.select_findings(len(ids)), ids):
             findings.setdefault(number, []).append(values)
         tests = []
         for row in self._rows(ids, tables):
-            path = self._trajectory(row[0], tables) if row[0] in has_path else None
+            path = self._trajectory(row[0], tables) if row[0] in with_path else None
             with self._reading(f"{tables.label} {row[0]}"):
                 tests.append(read_test(row, findings.get(row[0], ()), path, setting))
         return tests
@@ -278,7 +294,7 @@ class CampaignReader(NotebookRepr):
         return candidates
 
     def _rows(self, ids: Sequence[int], tables: Tables = TESTS) -> list[tuple[Any, ...]]:
-        """Return the rows of candidates, in the order of the ids.
+        """Return the rows of the candidates with these ids, in the order of the ids.
 
         Raises:
             CampaignError: a row is missing.
@@ -296,14 +312,15 @@ class CampaignReader(NotebookRepr):
     def counts(self) -> Counts:
         """Return the numbers of tests per outcome and of different roads, and the lowest MOOBD.
 
-        Reads the roads of all tests: where numbers are enough, `by_outcome` is faster.
+        It reads the roads of all tests: where the numbers per outcome are enough, `by_outcome` is
+        faster.
         """
         by_outcome, min_moobd = self._count_by_outcome()
         counts = Counts.of(by_outcome, min_moobd)
-        roads, first = set(), FirstTests()
-        for _, outcome, road, conditions, profiles in self._keys():
+        roads, first_tests = set(), FirstTests()
+        for _, outcome, road, conditions, profiles in self._road_rows():
             roads.add(road)
-            if not first.add_key(outcome, road, conditions, profiles):
+            if not first_tests.add_key(outcome, road, conditions, profiles):
                 counts.add_repeat(outcome)
         counts.roads = len(roads)
         return counts
@@ -311,8 +328,8 @@ class CampaignReader(NotebookRepr):
     def repeats(self) -> frozenset[int]:
         """Return the ids of the tests that repeat an earlier test.
 
-        See `frenetic.campaign.counts.FirstTests`. Reads the roads of all tests, and reads
-        them again only after further results.
+        `frenetic.campaign.counts.FirstTests` says what a repeat is. The roads of all tests are
+        read, and read again only after further results.
 
         Raises:
             CampaignError: a test is damaged.
@@ -320,18 +337,20 @@ class CampaignReader(NotebookRepr):
         self.write()
         ((stored,),) = self._select("SELECT count(result_number) FROM test")
         if self._repeats is None or self._repeats[0] != stored:
-            first = FirstTests()
+            first_tests = FirstTests()
             repeats = frozenset(
                 number
-                for number, outcome, road, conditions, profiles in self._keys()
-                if not first.add_key(outcome, road, conditions, profiles)
+                for number, outcome, road, conditions, profiles in self._road_rows()
+                if not first_tests.add_key(outcome, road, conditions, profiles)
             )
             self._repeats = stored, repeats
         return self._repeats[1]
 
-    def _keys(self) -> Iterator[tuple[int, Outcome, int, dict[str, Any], list[bytes | None]]]:
-        """Yield each test's id and what `FirstTests.add_key` takes, in the order of results."""
-        for number, outcome, conditions, step, curvatures, points, *profiles in self.rows(_ROADS):
+    def _road_rows(self) -> Iterator[tuple[int, Outcome, int, dict[str, Any], list[bytes | None]]]:
+        """Yield each test's id and the arguments of `FirstTests.add_key`, by order of results."""
+        for number, outcome, conditions, step, curvatures, points, *profiles in self.rows(
+            _SELECT_ROADS
+        ):
             with self._reading(f"test {number}"):
                 road = road_key(step, curvatures, points)
                 result = Outcome(outcome)
@@ -351,14 +370,14 @@ class CampaignReader(NotebookRepr):
         return by_outcome, min((moobd for *_, moobd in rows if moobd is not None), default=None)
 
     def stored(self) -> int:
-        """Return the number of results on disk, without waiting ones; 0 if it cannot be read."""
+        """Return the number of results on disk, without those that wait; 0 if it is unreadable."""
         with suppress(CampaignError):
             ((number,),) = self._select("SELECT count(result_number) FROM test")
             return int(number)
         return 0
 
     def elapsed(self) -> float:
-        """Return the campaign's time at the last result, in s."""
+        """Return the time of the campaign at its last result, in s."""
         self.write()
         ((seconds,),) = self._select("SELECT coalesce(max(elapsed), 0.0) FROM test")
         return float(seconds)
@@ -366,14 +385,14 @@ class CampaignReader(NotebookRepr):
     def rows(self, select: str, parameters: Sequence[object] = ()) -> Iterator[tuple[Any, ...]]:
         """Yield the rows of a SELECT, for reading many tests at once.
 
-        Nothing is checked. Later results may show up.
+        The rows are not checked, and may include results that were stored after the call.
         """
         self.write()
-        with translated(self._path):
+        with errors_about(self._path):
             yield from self._connection.execute(select, tuple(parameters))
 
     def _select(self, select: str, parameters: Sequence[object] = ()) -> list[tuple[Any, ...]]:
-        with translated(self._path):
+        with errors_about(self._path):
             return self._connection.execute(select, tuple(parameters)).fetchall()
 
     @contextmanager
@@ -384,14 +403,19 @@ class CampaignReader(NotebookRepr):
         except (TypeError, ValueError, CampaignError) as error:
             raise self._damaged(f"{name}: {error}") from None
 
-    def _known(self, id: int, kind: str, where: str) -> int:  # noqa: A002
-        """Return an id that the database holds; SQLite knows no id from 2**63 on.
+    def _existing_id(self, id: int, kind: str, where: str) -> int:  # noqa: A002
+        """Return an id as a whole number of Python's, if the database holds it.
+
+        Args:
+            id: id to look up.
+            kind: word for the row in messages.
+            where: SQL's condition that the row has to meet.
 
         Raises:
             CampaignError: the database holds no such id.
         """
         self.write()
-        number = operator.index(id)  # of numpy, too
+        number = operator.index(id)  # also of a whole number of numpy's
         select = f"SELECT count(*) FROM test WHERE {where} AND id = ?"  # noqa: S608
         if 0 < number < 2**63 and self._select(select, (number,)) == [(1,)]:
             return number

@@ -1,25 +1,16 @@
 """Records of a candidate's test: the `Attempt` that a worker answers, and the stored `Test`.
 
-`ASKED`, `REPORTED` and `FINDING` declare each value that the database holds. Its tables, the
-records read from them and the exported tables follow from these columns.
+`frenetic.campaign.columns` declares how the database stores a test.
 """
 
 from __future__ import annotations
 
-import math
-import re
-from collections.abc import Sequence
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
-from json import JSONEncoder
-from typing import Any, ClassVar, Final, Literal, Self, TypeAlias
-
-import numpy as np
-from msgspec import convert, to_builtins
+from typing import ClassVar, Self
 
 from frenetic._support.bounds import Count, Finite, Index, NotNegative, Share
 from frenetic._support.notebook import NotebookRepr
-from frenetic._support.outside_text import read_json
 from frenetic.campaign.trajectory_codec import decode, encode, rounded
 from frenetic.errors import IS_KILLED, CampaignError, Trouble
 from frenetic.oracle.drive import Drive, Trajectory
@@ -32,44 +23,45 @@ from frenetic.spec.terms import DriveSetting
 
 @dataclass(frozen=True)
 class Attempt:
-    """A worker's answer: an attempt to test a candidate, small enough to cross processes."""
+    """An attempt to test a candidate, as a worker answers it, small enough to cross processes."""
 
     candidate_id: Count
     result: Result
-    """Verdict; of an undriven road only outcome and reason."""
+    """Verdict; for a road that nobody drove only outcome and reason."""
     pose: Pose | None = None
-    """Start of the road on the map; None if it fits nowhere."""
+    """Start of the road on the map; None if the road fits nowhere."""
     trajectory: Trajectory | None = None
-    """Trajectory; None if nothing was driven, or if it is packed only."""
+    """Exact trajectory; None if nothing was driven, or if only `packed` is kept."""
     packed: bytes | None = None
-    """Encoded trajectory."""
+    """Trajectory as the database stores it, see `frenetic.campaign.trajectory_codec`; None before
+    `pack`, or if nothing was driven."""
     records: Index | None = None
-    """Number of the trajectory's records; None if there is no trajectory, wherever it is."""
+    """Number of the trajectory's records; None before `pack`, or if nothing was driven."""
     simulator_broke: bool = False
     """Whether the simulator broke, so that another attempt may succeed."""
     worker_lost: bool = False
-    """Whether the worker was lost on the way; the result's reason says how."""
+    """Whether the worker was lost during the attempt; the result's reason says how."""
     worker: str | None = None
     """Name of the worker."""
     seconds: NotNegative = 0.0
     """Wall time of the attempt, in s."""
     driver_seconds: float = field(default=0.0, compare=False)
-    """Wall time in the driver's own code, in s."""
+    """Part of `seconds` in the driver's code, in s."""
     trouble: Trouble | None = None
     """Error of the driver, the simulator or the worker; None without an error."""
     reported_share: Share | None = None
-    """Spent share of the budget, as a client reports it; None if the campaign counts."""
+    """Spent share of the budget that a client reports; None if the campaign counts."""
 
     @classmethod
     def undriven(
         cls, candidate_id: int, outcome: Outcome, reason: str, pose: Pose | None = None
     ) -> Self:
-        """Return the attempt at a road that was refused, dropped, or lost with its worker."""
+        """Return the attempt at a road that nobody drives, since it was refused or dropped."""
         return cls(candidate_id, Result(outcome, reason), pose)
 
     @classmethod
     def lost(cls, candidate_id: int, worker: str, seconds: float, trouble: Trouble) -> Self:
-        """Return the attempt of a worker that was lost after `seconds`."""
+        """Return the attempt of a worker that was lost after `seconds` s."""
         return cls(
             candidate_id,
             unusable_result(trouble),
@@ -81,9 +73,10 @@ class Attempt:
 
     @property
     def failure(self) -> str | None:
-        """Reason for another attempt; None if this attempt stands, as a driver's fault does.
+        """Reason for another attempt; None if this attempt's result counts.
 
-        A killed process gets another attempt: the system may have killed it.
+        A driver that breaks is a result. A driver whose process was killed gets another attempt:
+        the system may have killed the process.
         """
         fault = self.result.fault
         is_error = self.result.outcome is Outcome.ERROR
@@ -91,19 +84,23 @@ class Attempt:
         broke = self.simulator_broke or self.worker_lost
         return self.result.reason if broke and is_doubtful else None
 
-    def pack(self, *, keep: bool = False) -> Self:
-        """Return the attempt with a packed trajectory; without the exact one unless `keep`."""
-        if self.trajectory is None or (keep and self.packed is not None):
+    def pack(self, *, keep_exact: bool = False) -> Self:
+        """Return the attempt with a packed trajectory.
+
+        Args:
+            keep_exact: whether it has the exact trajectory, too.
+        """
+        if self.trajectory is None or (keep_exact and self.packed is not None):
             return self
         return replace(
             self,
-            trajectory=self.trajectory if keep else None,
+            trajectory=self.trajectory if keep_exact else None,
             packed=self.packed or encode(self.trajectory),
             records=len(self.trajectory),
         )
 
     def stored_trajectory(self) -> Trajectory | None:
-        """Return the packed trajectory as it will be read from the campaign: rounded."""
+        """Return the trajectory as it will be read from the database, rounded; None if unpacked."""
         if self.packed is None:
             return None
         return decode(self.packed) if self.trajectory is None else rounded(self.trajectory)
@@ -113,33 +110,33 @@ class Attempt:
 class Test(NotebookRepr):
     """One road test: a candidate with its result."""
 
-    __test__: ClassVar[bool] = False  # no test class of pytest's
+    __test__: ClassVar[bool] = False  # pytest collects no class with this attribute
 
     candidate: Candidate
     result: Result
-    """Verdict; of an undriven road only outcome and reason."""
+    """Verdict; for a road that nobody drove only outcome and reason."""
     result_number: Count
     """Number from 1 in the order of results."""
     budget_spent: Share
-    """Share of the campaign's budget spent after this test, 0..1."""
+    """Spent share of the campaign's budget after this test, from 0 to 1."""
     reported_share: Share | None = None
-    """Spent share as a client reports it, 0..1; None if the campaign counts."""
+    """Spent share of the budget that a client reported; None if the campaign counts."""
     pose: Pose | None = None
-    """Start of the road on the map; None if it fits nowhere."""
+    """Start of the road on the map; None if the road fits nowhere."""
     trajectory: Trajectory | None = None
-    """Trajectory; None if nothing was driven, or if the test was read without it."""
+    """Trajectory; None if nothing was driven, or if the test was read without its trajectory."""
     records: Index | None = None
-    """Number of the trajectory's records, also if it was not read; None if there is none."""
+    """Number of the trajectory's records, even if it was not read; None if nothing was driven."""
     worker: str | None = None
-    """Name of the worker."""
+    """Name of the worker; None if nobody drove."""
     seconds: NotNegative = 0.0
-    """Wall time of the attempt that stands, in s."""
+    """Wall time of the attempt that counts, in s."""
     attempts: Index = 1
-    """Number of attempts; 0 if it was dropped before."""
+    """Number of attempts; 0 if the candidate was dropped before the first."""
     elapsed: NotNegative = 0.0
-    """Campaign time at this result, in s."""
+    """Time of the campaign at this result, in s."""
     finished_at: str = ""
-    """Time of the result, UTC, ISO 8601."""
+    """Date and time of the result, UTC, ISO 8601."""
     objective: Finite | None = None
     """Value that the campaign minimises or maximises; None for the MOOBD, or without a drive."""
     setting: DriveSetting | None = None
@@ -158,7 +155,7 @@ class Test(NotebookRepr):
         finished_at: str = "",
         setting: DriveSetting | None = None,
     ) -> Self:
-        """Return the test of a candidate whose attempt stands, without its trajectory."""
+        """Return the test of a candidate whose attempt counts, without the trajectory."""
         return cls(
             candidate=candidate,
             result=attempt.result,
@@ -192,17 +189,17 @@ class Test(NotebookRepr):
 
     @property
     def moobd(self) -> float | None:
-        """Minimum oob distance in m; None unless PASS or FAIL, or without a measurement."""
+        """Minimum oob distance in m; None if nothing was driven or measured."""
         return self.result.moobd
 
     @property
     def departure(self) -> Finding | None:
-        """Place where the car left its lane, None if it did not."""
+        """Where and when the car left its lane; None if it did not."""
         return self.result.departure
 
     @cached_property
     def road(self) -> Road:
-        """Road in its place on the map; at its default place if it fitted nowhere.
+        """Road in its place on the map, or in its default place if it fits nowhere.
 
         Raises:
             CampaignError: the campaign does not record the width of its lanes.
@@ -243,211 +240,3 @@ class Test(NotebookRepr):
                 " says what is wrong with its configuration"
             )
         return self.setting
-
-
-# The database
-
-Kind: TypeAlias = Literal["INTEGER", "REAL", "TEXT", "JSON", "REALS", "PAIRS"]
-"""SQLite's type; or JSON in a text, or float64 in a blob: (n,) or (n, 2)."""
-
-
-@dataclass(frozen=True)
-class Column:
-    """A value of a test in the database."""
-
-    name: str
-    path: str
-    """Attributes that lead to the value from a `Test`, joined by dots."""
-    kind: Kind
-    about: str
-    unit: str = ""
-    """Unit, empty for a text, a share or a number."""
-
-    @cached_property
-    def places(self) -> list[str]:
-        """The steps of the path."""
-        return self.path.split(".")
-
-    @property
-    def sql_type(self) -> str:
-        """SQLite's type."""
-        return {"JSON": "TEXT", "REALS": "BLOB", "PAIRS": "BLOB"}.get(self.kind, self.kind)
-
-    def encoded(self, value: Any) -> Any:
-        """Return a value for the database.
-
-        Raises:
-            ValueError: the value is not finite.
-        """
-        if value is None:
-            return None
-        if self.kind == "REAL":
-            if not math.isfinite(value):
-                raise ValueError(f"{self.name} is {value}: a finite number is needed")
-            return float(value) + 0.0  # SQLite knows no negative zero
-        if self.kind == "INTEGER":
-            return int(value)
-        if self.kind == "TEXT":  # half characters of a broken driver's message as in Python
-            return str(value).encode("utf-8", "backslashreplace").decode()
-        if self.kind == "JSON":
-            if not value and isinstance(value, dict | tuple):  # as most are
-                return "[]" if isinstance(value, tuple) else "{}"
-            try:
-                text = _FINITE.encode(to_builtins(value, enc_hook=_plain))
-            except ValueError:
-                raise ValueError(f"{self.name} is {value}: finite numbers are needed") from None
-            return _HALF_CHARACTER.sub(lambda half: rf"\\u{ord(half[0]):x}", text)
-        if not np.isfinite(value).all():
-            raise ValueError(f"{self.name} are not all finite")
-        return np.ascontiguousarray(value, "<f8").tobytes()
-
-    def decoded(self, value: Any) -> Any:
-        """Return a value from the database.
-
-        Raises:
-            ValueError: the value does not have this kind.
-        """
-        if value is None:
-            return None
-        if self.kind == "JSON":
-            return read_json(value)
-        if self.kind in ("REALS", "PAIRS"):
-            values = np.frombuffer(value, "<f8").astype(np.float64, copy=False)
-            if not np.isfinite(values).all():
-                raise ValueError(f"the {self.name} are not all finite")
-            return values.reshape(-1, 2) if self.kind == "PAIRS" else values
-        return value
-
-
-_FINITE: Final = JSONEncoder(ensure_ascii=False, allow_nan=False)  # msgspec makes null of NaN
-_HALF_CHARACTER: Final = re.compile("[\ud800-\udfff]")
-
-
-def _plain(value: Any) -> Any:
-    """Return a number of numpy as a number of Python."""
-    return value.item()
-
-
-ASKED: Final = (
-    Column("id", "candidate.id", "INTEGER", "counts from 1 in the order of asking"),
-    Column("operator", "candidate.origin.operator", "TEXT", "what made the road: random, P1 .."),
-    Column("parents", "candidate.origin.parents", "JSON", "ids of the candidates it was made from"),
-    Column("generation", "candidate.origin.generation", "INTEGER", "0 for a random road"),
-    Column("step", "candidate.step", "REAL", "between two curvatures", "m"),
-    Column(
-        "curvatures", "candidate.curvatures", "REALS", "positive left, linear in between", "1/m"
-    ),
-    Column("points", "candidate.points", "PAIRS", "the road as points, if proposed so", "m"),
-    Column(
-        "superelevation", "candidate.superelevation", "PAIRS", "distance in m and slope across it"
-    ),
-    Column("grade", "candidate.grade", "PAIRS", "distance in m and slope along it"),
-    Column("widening", "candidate.widening", "PAIRS", "distance in m and m by which lanes widen"),
-    Column("speed_limits", "candidate.speed_limits", "PAIRS", "distance in m and km/h from there"),
-    Column("conditions", "candidate.conditions", "JSON", "what differs from the campaign's drives"),
-    Column("repeat", "candidate.repeat", "INTEGER", "counts the drives of one road from 0"),
-    Column("source", "candidate.source", "JSON", "campaign and test whose road it is"),
-    Column("notes", "candidate.notes", "JSON", "what the strategy says of it"),
-)
-"""Columns of a candidate."""
-
-REPORTED: Final = (
-    Column("result_number", "result_number", "INTEGER", "counts from 1 in the order of results"),
-    Column("outcome", "result.outcome", "TEXT", "PASS, FAIL, INVALID, ERROR or DROPPED"),
-    Column("reason", "result.reason", "TEXT", "why it ended so"),
-    Column("budget_spent", "budget_spent", "REAL", "share of the budget spent after the result"),
-    Column("reported_share", "reported_share", "REAL", "spent share that a client reported"),
-    Column("x", "pose.x", "REAL", "of the pose in which the road starts on the map", "m"),
-    Column("y", "pose.y", "REAL", "of the pose in which the road starts on the map", "m"),
-    Column("heading", "pose.heading", "REAL", "of that pose, counter-clockwise from +x", "rad"),
-    Column("moobd", "result.moobd", "REAL", "minimum oob distance", "m"),
-    Column("moobd_distance", "result.moobd_distance", "REAL", "along the road to there", "m"),
-    Column("max_oob_share", "result.max_oob_share", "REAL", "largest share of the car outside"),
-    Column("duration", "result.duration", "REAL", "simulated time of the drive", "s"),
-    Column("fault", "result.fault", "JSON", "whose code broke, and where"),
-    Column("objective", "objective", "REAL", "what the search minimised, if not the MOOBD"),
-    Column("seconds", "seconds", "REAL", "wall time of the test", "s"),
-    Column("elapsed", "elapsed", "REAL", "campaign time of the result", "s"),
-    Column("finished_at", "finished_at", "TEXT", "time of the result"),
-    Column("attempts", "attempts", "INTEGER", "how often it was tried"),
-    Column("worker", "worker", "TEXT", "who drove it"),
-    Column("records", "records", "INTEGER", "number of records of its trajectory"),
-)
-"""Columns of a result; all are NULL while a candidate is outstanding."""
-
-FINDING: Final = tuple(
-    Column(item.name, item.name, "TEXT" if item.name in ("criterion", "side") else "REAL", "")
-    for item in fields(Finding)
-)
-"""Columns of a finding, after its test and its number."""
-
-FINISHED: Final = (*ASKED, *REPORTED)
-
-
-def row_of(record: Any, columns: Sequence[Column]) -> tuple[Any, ...]:
-    """Return the values of a candidate, test or finding, in the order of the columns.
-
-    Raises:
-        ValueError: a number is not finite.
-    """
-    start = isinstance(record, Candidate)
-    return tuple([column.encoded(value_at(record, column.places[start:])) for column in columns])
-
-
-def value_at(record: Any, path: Sequence[str]) -> Any:
-    """Return the value at the end of a path of attributes; None if an attribute is None."""
-    value = record
-    for name in path:
-        if value is None:
-            return None
-        value = getattr(value, name)
-    return value
-
-
-def read_candidate(row: Sequence[Any]) -> Candidate:
-    """Return the candidate in a row of `FINISHED`.
-
-    Raises:
-        ValueError: the row is damaged; the message names the place.
-    """
-    candidate: Candidate = convert(_nested(ASKED, row)["candidate"], Candidate)
-    return candidate
-
-
-def read_test(
-    row: Sequence[Any],
-    findings: Sequence[Sequence[Any]] = (),
-    trajectory: Trajectory | None = None,
-    setting: DriveSetting | None = None,
-) -> Test:
-    """Return the test in a row of `FINISHED`.
-
-    Args:
-        row: values of the test.
-        findings: rows of `FINDING` of the test.
-        trajectory: trajectory of the test, if it is wanted.
-        setting: setting of the campaign.
-
-    Raises:
-        ValueError: a row is damaged; the message names the place.
-    """
-    values = _nested(FINISHED, row)
-    if pose := values.pop("pose"):
-        values["pose"] = [pose.get(name) for name in Pose._fields]
-    names = [column.name for column in FINDING]
-    values["result"]["findings"] = [dict(zip(names, finding, strict=True)) for finding in findings]
-    test: Test = convert(values, Test)
-    return replace(test, trajectory=trajectory, setting=setting)
-
-
-def _nested(columns: Sequence[Column], row: Sequence[Any]) -> dict[str, Any]:
-    """Return the values of a row, nested by the paths of the columns, without missing ones."""
-    values: dict[str, Any] = {"candidate": {"origin": {}}, "result": {}, "pose": {}}
-    for column, value in zip(columns, row, strict=False):
-        if value is None:
-            continue
-        place = values
-        for name in column.places[:-1]:
-            place = place[name]
-        place[column.places[-1]] = column.decoded(value)
-    return values

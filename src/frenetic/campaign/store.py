@@ -1,22 +1,22 @@
-"""A campaign on disk: every test, as it comes, in one SQLite database.
+"""A campaign on disk: one SQLite database, to which each test is added when it ends.
 
 The database, `campaign.sqlite` in the campaign's folder, is the campaign's record. Anyone with
 SQLite can read it, while the campaign runs and long afterwards:
 
 | table | one row per |
 | --- | --- |
-| fact | fact about the campaign (JSON): its configuration, when it was created and finished |
-| test | candidate of the strategy, with its result and drive once the strategy knows them |
+| fact | fact about the campaign (JSON), such as its configuration and the times of start and end |
+| test | candidate of the strategy, with its result and drive as soon as the strategy knows them |
 | finding | breach of a criterion in a drive |
 | earlier_test | test of another campaign, or real road, from which the search starts |
 | earlier_finding | breach of a criterion in an earlier test |
 
-`frenetic.campaign.record` declares the columns. A test's trajectory is compressed by
+`frenetic.campaign.columns` declares the columns. A test's trajectory is compressed by
 `frenetic.campaign.trajectory_codec`.
 
-When `CampaignStore.write` has returned, all results, drives and candidates added before are in the
-database, even if the process is killed right then. If the machine itself goes down, the
-last results may be missing, but the database is sound.
+When `CampaignStore.write` has returned, all results, drives and candidates that were added before
+are in the database, even if the process is killed at that moment. If the machine itself goes down,
+the last results may be missing, but the database is sound.
 """
 
 from __future__ import annotations
@@ -36,6 +36,7 @@ from frenetic._support.files import FolderInUse
 from frenetic._support.json_value import JSONValue, plain
 from frenetic._support.outside_text import read_json
 from frenetic._support.words import counted, present_moment
+from frenetic.campaign.columns import CANDIDATE_COLUMNS, row_of
 from frenetic.campaign.database import (
     DATABASE,
     EARLIER_TESTS,
@@ -43,39 +44,39 @@ from frenetic.campaign.database import (
     check_identity,
     connect,
     connect_to_read,
+    errors_about,
     make_database,
-    translated,
 )
 from frenetic.campaign.lock import lock_file
 from frenetic.campaign.reader import CampaignReader
-from frenetic.campaign.record import ASKED, Test, row_of
+from frenetic.campaign.record import Test
 from frenetic.errors import CampaignError, CampaignGoneError
 from frenetic.search.records import Candidate
 
 LOCK: Final = "campaign.lock"
 """Name of the lock file in a campaign's folder."""
 
-_ENDINGS: Final = ("finished_at", "seconds", "interrupted", "ended", "notice")
-"""Facts about a campaign's end, which a resumed campaign no longer has."""
+_END_FACTS: Final = ("finished_at", "seconds", "interrupted", "ended", "notice")
+"""Names of facts about a campaign's end, which are removed when the campaign is resumed."""
 _REPLACE_FACT: Final = "INSERT OR REPLACE INTO fact VALUES (?, ?)"
 
 
 class CampaignStore(CampaignReader):
     """The database of one campaign, open for one writer or for reading.
 
-    `create` or `open` gives a store; it is a context manager that closes itself. One process writes
-    at a time and any number may read meanwhile. Call methods from the thread that opened the store.
-    Every problem with the database is a `CampaignError` whose message names the file and what to
-    do. After a failed `write`, for example on a full disk, the database still holds everything
-    written before, and the rest waits for the next `write`.
+    `create` and `open` return a store; it is a context manager, which closes it at the end. One
+    process writes at a time, and any number may read meanwhile. Call methods from the thread that
+    opened the store. Every problem with the database is a `CampaignError` whose message names the
+    file and what to do. After a failed `write`, for example on a full disk, the database still
+    holds everything written before, and the other rows wait for the next `write`.
     """
 
     def __init__(
         self, folder: Path, connection: sqlite3.Connection, lock: FileLock | None
-    ) -> None:  # used by `create` and `open` only
+    ) -> None:  # called by `create` and `open` only; lock is None in a store for reading
         super().__init__(folder, connection)
         self._lock = lock
-        self._opened = self._path.stat()
+        self._opened_file = self._path.stat()
         self._in_use = FolderInUse(folder)
         self._waiting: dict[str, list[tuple[Any, ...]]] = {  # rows of the next transaction
             statement: [] for statement in (TESTS.insert, TESTS.update, TESTS.insert_finding)
@@ -95,9 +96,9 @@ class CampaignStore(CampaignReader):
         """Create a campaign in a folder, and the folder if need be.
 
         Args:
-            folder: the folder.
-            config: its configuration.
-            facts: other facts.
+            folder: the campaign's folder.
+            config: the campaign's configuration.
+            facts: other facts about the campaign, by name.
             earlier: tests of other campaigns, and real roads, from which the search starts.
 
         Raises:
@@ -109,7 +110,9 @@ class CampaignStore(CampaignReader):
         all_facts = {"config": dict(config), "created_at": present_moment(), **facts}
         rows = {
             _REPLACE_FACT: [_fact_row(*fact) for fact in all_facts.items()],
-            EARLIER_TESTS.insert: [(*row_of(test.candidate, ASKED), 0) for test in earlier],
+            EARLIER_TESTS.insert: [
+                (*row_of(test.candidate, CANDIDATE_COLUMNS), 0) for test in earlier
+            ],
         }
         for test in earlier:
             for statement, result_rows in EARLIER_TESTS.rows_of(test).items():
@@ -126,10 +129,10 @@ class CampaignStore(CampaignReader):
         _refuse_existing(path)
         lock = lock_file(folder / LOCK)
         try:
-            _refuse_existing(path)  # again: someone may have been faster before we had the lock
+            _refuse_existing(path)  # again: another process may have made one before the lock
             # Written under another name, so that a campaign exists completely or not at all.
             unfinished = folder / f"{DATABASE}.new"
-            with translated(path):
+            with errors_about(path):
                 for leftover in ("", "-wal", "-shm", "-journal"):
                     unfinished.with_name(unfinished.name + leftover).unlink(missing_ok=True)
                 make_database(unfinished, rows)
@@ -149,7 +152,7 @@ class CampaignStore(CampaignReader):
         """
         folder = Path(folder)
         path = folder / DATABASE
-        with translated(path):
+        with errors_about(path):
             if not path.is_file():
                 problem = "holds no campaign" if folder.is_dir() else "is not a folder"
                 if not os.path.lexists(folder):
@@ -158,7 +161,7 @@ class CampaignStore(CampaignReader):
                     f"{folder} {problem}: the folder of a campaign is needed, one with {DATABASE}"
                 )
         if readonly:
-            return cls._with(folder, connect_to_read(path), None)
+            return cls._from_connection(folder, connect_to_read(path), None)
         lock = lock_file(folder / LOCK)
         try:
             return cls._open_locked(folder, lock)
@@ -168,21 +171,27 @@ class CampaignStore(CampaignReader):
 
     @classmethod
     def _open_locked(cls, folder: Path, lock: FileLock) -> Self:
-        with translated(folder / DATABASE):
+        with errors_about(folder / DATABASE):
             connection = connect(folder / DATABASE, "mode=rw")
-        return cls._with(folder, connection, lock)
+        return cls._from_connection(folder, connection, lock)
 
     @classmethod
-    def _with(cls, folder: Path, connection: sqlite3.Connection, lock: FileLock | None) -> Self:
-        """Return the store of a connection, or close the connection if it leads to no campaign."""
+    def _from_connection(
+        cls, folder: Path, connection: sqlite3.Connection, lock: FileLock | None
+    ) -> Self:
+        """Return the store with this connection; close the connection if it is no campaign's.
+
+        Raises:
+            CampaignError: the database is another program's, or has another format.
+        """
         path = folder / DATABASE
         try:
-            with translated(path):
+            with errors_about(path):
                 check_identity(connection, path)
                 if lock is not None:
                     connection.execute("PRAGMA journal_mode = WAL").fetchone()
                     connection.execute("PRAGMA synchronous = NORMAL")
-                    # Waiting for the disk every 16 MiB instead of every 4 MiB.
+                    # Wait for the disk every 16 MiB (4000 pages) instead of every 4 MiB.
                     connection.execute("PRAGMA wal_autocheckpoint = 4000").fetchone()
             return cls(folder, connection, lock)
         except BaseException:
@@ -196,8 +205,8 @@ class CampaignStore(CampaignReader):
         if error is None:
             self.close()
             return
-        gone = self._gone() if isinstance(error, (CampaignError, OSError)) else None
-        with suppress(CampaignError):  # the error under way says more
+        gone = self._gone_error() if isinstance(error, (CampaignError, OSError)) else None
+        with suppress(CampaignError):  # the error that ends the block says more
             self.close()
         if gone is not None and not isinstance(error, CampaignGoneError):
             raise gone from error
@@ -209,7 +218,7 @@ class CampaignStore(CampaignReader):
         finally:
             self._forget_waiting()
             try:
-                with translated(self._path):
+                with errors_about(self._path):
                     self._connection.close()
             finally:
                 self._in_use.close()
@@ -217,7 +226,7 @@ class CampaignStore(CampaignReader):
                     self._lock.release()
 
     def __repr__(self) -> str:
-        """The campaign at a glance; the folder alone of a closed one."""
+        """The folder with the number of results; the folder alone of a closed store."""
         try:
             return f"<CampaignStore {self.at_a_glance()}>"
         except CampaignError:
@@ -226,10 +235,10 @@ class CampaignStore(CampaignReader):
     # Facts
 
     def finish(self, **facts: JSONValue) -> None:
-        """Add facts about the whole campaign, such as its ``seconds``, and write the waiting rows.
+        """Add facts about the campaign's end, such as its ``seconds``, and write the waiting rows.
 
-        The time, ``finished_at``, is added unless it is among the facts. An older fact is replaced,
-        since a campaign can be resumed and finish again.
+        The present time is added as ``finished_at`` unless it is among the facts. An older fact of
+        the same name is replaced: a campaign can be resumed and finish again.
 
         Raises:
             ValueError: a fact is not JSON.
@@ -239,18 +248,18 @@ class CampaignStore(CampaignReader):
         self.keep(**{"finished_at": present_moment(), **facts})
 
     def keep(self, **facts: JSONValue) -> None:
-        """Add or replace facts about the whole campaign; raise the errors of `finish`."""
+        """Add or replace facts, and write the waiting rows; raise the errors of `finish`."""
         self._transact({_REPLACE_FACT: [_fact_row(*fact) for fact in facts.items()]})
 
     def reopen(self, **facts: JSONValue) -> None:
         """Replace the facts about the campaign's end by others; raise the errors of `finish`."""
-        ends = {"DELETE FROM fact WHERE name = ?": [(name,) for name in _ENDINGS]}
-        self._transact({**ends, _REPLACE_FACT: [_fact_row(*fact) for fact in facts.items()]})
+        removals = {"DELETE FROM fact WHERE name = ?": [(name,) for name in _END_FACTS]}
+        self._transact({**removals, _REPLACE_FACT: [_fact_row(*fact) for fact in facts.items()]})
 
     # Writing
 
     def add_candidate(self, candidate: Candidate) -> None:
-        """Take a candidate for the next `write`.
+        """Add a candidate, which the next `write` stores.
 
         Raises:
             CampaignError: an earlier candidate has the same or a higher id.
@@ -262,15 +271,17 @@ class CampaignStore(CampaignReader):
                 f"{self._path} already holds candidate {self._last_id}: the next one needs a"
                 f" higher id, not {candidate.id}"
             )
-        self._waiting[TESTS.insert].append((*row_of(candidate, ASKED), self._result_count))
+        self._waiting[TESTS.insert].append(
+            (*row_of(candidate, CANDIDATE_COLUMNS), self._result_count)
+        )
         self._last_id = candidate.id
 
     def add_result(self, test: Test, packed: bytes | None = None) -> None:
-        """Take the result of an outstanding candidate for the next `write`.
+        """Add the result of an outstanding candidate, which the next `write` stores.
 
         Args:
             test: the test.
-            packed: the encoded trajectory, if the worker has encoded it.
+            packed: the encoded trajectory; None to encode the trajectory of the test.
 
         Raises:
             ValueError: a number is not finite.
@@ -284,16 +295,16 @@ class CampaignStore(CampaignReader):
         """Store all candidates and results that wait, durably.
 
         Raises:
-            CampaignError: the database cannot be written; the rows wait for the next try.
+            CampaignError: the database cannot be written; the rows wait for the next `write`.
         """
         if any(self._waiting.values()):
             self._transact({})
 
     def _transact(self, others: Mapping[str, Sequence[tuple[Any, ...]]]) -> None:
-        """Execute the waiting statements, and others with their values, in one transaction."""
+        """Execute the waiting statements, and others with their rows, in one transaction."""
         self._require_writer()
         connection, has_begun = self._connection, False
-        with translated(self._path):
+        with errors_about(self._path):
             try:
                 connection.execute("BEGIN IMMEDIATE")
                 has_begun = True
@@ -302,10 +313,11 @@ class CampaignStore(CampaignReader):
                 connection.execute("COMMIT")
                 self._forget_waiting()
             except BaseException as error:
-                if connection.in_transaction:  # SQLite ends some by itself
+                if connection.in_transaction:  # after some errors SQLite has ended it by itself
                     connection.execute("ROLLBACK")
                 elif has_begun and not isinstance(error, sqlite3.Error):
-                    self._forget_waiting()  # Ctrl-C came when all was written
+                    # Ctrl-C came after COMMIT: the rows are stored, and must not be stored again.
+                    self._forget_waiting()
                 raise
 
     def _forget_waiting(self) -> None:
@@ -322,19 +334,19 @@ class CampaignStore(CampaignReader):
         Raises:
             CampaignGoneError: the file was moved, deleted or replaced.
         """
-        if (gone := self._gone()) is not None:
+        if (gone := self._gone_error()) is not None:
             raise gone
 
-    def _gone(self) -> CampaignGoneError | None:
+    def _gone_error(self) -> CampaignGoneError | None:
         """Return the error for a moved or removed database; None if it is in its place.
 
-        SQLite writes on into a database that was moved with its folder, so its results stand there.
+        If the folder was moved with its database, SQLite still writes to it: the results are there.
         """
         with suppress(OSError):
-            if os.path.samestat(self._path.stat(), self._opened):
+            if os.path.samestat(self._path.stat(), self._opened_file):
                 return None
         fate = self._in_use.fate()
-        if self._in_use.holds(DATABASE, self._opened):
+        if self._in_use.holds(DATABASE, self._opened_file):
             with suppress(CampaignError):  # the disk is full, say
                 self.write()
             text = f"{self.folder} {fate} while it was in use: {self._stored_words()} there"
@@ -358,9 +370,9 @@ class CampaignStore(CampaignReader):
         return f"its {counted(number, 'result')} {'stands' if number == 1 else 'stand'}"
 
     def require_sound(self) -> None:
-        """Check before a result is added that SQLite finds the file whole and no result missing.
+        """Check that the file is undamaged and no result is missing, before results are added.
 
-        Reads the whole file once, which takes about a second per gigabyte.
+        SQLite reads the whole file, which takes about a second per gigabyte.
 
         Raises:
             CampaignError: the file is damaged, or a result is missing.
@@ -374,25 +386,23 @@ class CampaignStore(CampaignReader):
         if number and number != last:
             raise self._damaged(f"it holds {number} of {last} results")
 
-    # Reading
-
 
 def _fact_row(name: str, value: JSONValue) -> tuple[str, str]:
-    """Return the row of a fact.
+    """Return the row of a fact in the database.
 
     Raises:
-        ValueError: the value is not JSON, or could not be read again.
+        ValueError: the value is not JSON, or too large or too deep to be read again.
     """
     try:
         text = json.dumps(value, allow_nan=False, default=plain)
     except RecursionError:
         raise ValueError(f"{name} is nested too deep") from None
-    read_json(text)
+    read_json(text)  # raises if the limits of our reader are exceeded
     return name, text
 
 
 def _refuse_existing(path: Path) -> None:
-    """Raise a `CampaignError` if a file stands where a new database is to be."""
+    """Raise a `CampaignError` if there is a file at the path of a new database."""
     if os.path.lexists(path):
         raise CampaignError(
             f"{path.parent} already holds a campaign; choose another place, or "

@@ -156,11 +156,11 @@ class RoadTester:
             return self._driven(candidate.id, road, driver)
 
     def attempt(
-        self, candidate: Candidate, worker: str | None = None, *, keep: bool = False
+        self, candidate: Candidate, worker: str | None = None, *, keep_exact: bool = False
     ) -> Attempt:
         """Test a candidate for a worker: timed, with a packed trajectory (see `Attempt.pack`)."""
         start = time.perf_counter()
-        attempt = self.test(candidate).pack(keep=keep)
+        attempt = self.test(candidate).pack(keep_exact=keep_exact)
         return replace(attempt, worker=worker, seconds=time.perf_counter() - start)
 
     def drive(self, road: Road, conditions: Mapping[str, float] = MappingProxyType({})) -> Drive:

@@ -21,7 +21,8 @@ from msgspec.json import encode
 from frenetic._support.words import pip_install, simulated_time, text_cell
 from frenetic.analysis.groups import find_campaigns
 from frenetic.campaign.campaign import Campaign
-from frenetic.campaign.record import FINISHED, Test, value_at
+from frenetic.campaign.columns import TEST_COLUMNS, value_at
+from frenetic.campaign.record import Test
 from frenetic.campaign.store import CampaignStore
 from frenetic.conditions.condition import SEED
 from frenetic.errors import FreneticError
@@ -39,8 +40,10 @@ Place: TypeAlias = Campaign | CampaignStore | Path | str
 _Row: TypeAlias = tuple[str, Test]
 """Folder of a campaign, the test."""
 
-_PATHS: Final[Mapping[str, Sequence[str]]] = {column.name: column.places for column in FINISHED}
-_KINDS: Final = {column.name: column.kind for column in FINISHED}
+_PATHS: Final[Mapping[str, Sequence[str]]] = {
+    column.name: column.attributes for column in TEST_COLUMNS
+}
+_KINDS: Final = {column.name: column.kind for column in TEST_COLUMNS}
 _DEPARTURE: Final = ("time", "distance", "x", "y", "side")
 _ORDER: Final = """
     id result_number outcome reason operator parents generation

@@ -44,12 +44,12 @@ class TesterHost:
 
     Args:
         tester: its simulator is not started yet.
-        keep: whether attempts have exact trajectories, too.
+        keep_exact: whether attempts have exact trajectories, too, not only packed ones.
     """
 
-    def __init__(self, tester: RoadTester, *, keep: bool = False) -> None:
+    def __init__(self, tester: RoadTester, *, keep_exact: bool = False) -> None:
         self._tester = tester
-        self._keep = keep
+        self._keep_exact = keep_exact
         self._is_up = False
 
     def start(self) -> None:
@@ -61,7 +61,7 @@ class TesterHost:
         """Test a candidate."""
         if not self._is_up:
             self.start()
-        attempt = self._tester.attempt(candidate, keep=self._keep)
+        attempt = self._tester.attempt(candidate, keep_exact=self._keep_exact)
         if attempt.simulator_broke:
             self.close()
         return attempt
@@ -118,7 +118,7 @@ class LocalWorkers:
             and is killed.
         log: gets the events of the workers.
         ahead: whether a worker with quick tests may have several candidates at once.
-        keep: whether attempts have exact trajectories, too.
+        keep_exact: whether attempts have exact trajectories, too, not only packed ones.
 
     Raises:
         CampaignError: driver or simulator cannot be copied into another process.
@@ -132,7 +132,7 @@ class LocalWorkers:
         drive_limit: float,
         log: CampaignLog,
         ahead: bool = True,
-        keep: bool = False,
+        keep_exact: bool = False,
     ) -> None:
         able = capabilities(tester.simulator)
         most = able.workers_at_most
@@ -143,7 +143,7 @@ class LocalWorkers:
         if count > MOST_WORKERS:
             raise CampaignError(f"{count} workers are too many: Windows allows {MOST_WORKERS}")
         self._blame = Blame.of(tester.simulator, tester.driver)
-        packed = pack(TesterHost(tester, keep=keep))
+        packed = pack(TesterHost(tester, keep_exact=keep_exact))
         self._seats = [
             _Seat(ObjectProcess(f"worker {number}", packed, able.preloads))
             for number in range(1, count + 1)
@@ -293,7 +293,7 @@ def workers_for(
     drive_limit: float,
     log: CampaignLog,
     ahead: bool,
-    keep: bool,
+    keep_exact: bool,
 ) -> Workers:
     """Return the workers of a campaign, which are not started yet.
 
@@ -301,10 +301,10 @@ def workers_for(
         tester: tests the candidates.
         workers: number of workers, or the address of a cluster's scheduler.
         isolate: whether a single worker, too, drives in a process of its own, see `is_isolable`.
-        drive_limit: as for `LocalWorkers`, as are `log`, `ahead` and `keep`.
+        drive_limit: as for `LocalWorkers`, as are `log`, `ahead` and `keep_exact`.
         log: of the campaign.
         ahead: whether a worker with quick tests may have several candidates at once.
-        keep: whether attempts have exact trajectories, too.
+        keep_exact: whether attempts have exact trajectories, too, not only packed ones.
 
     Raises:
         CampaignError: driver or simulator cannot be copied into another process.
@@ -314,7 +314,9 @@ def workers_for(
         return cluster
     if workers == 1 and not (isolate and is_isolable(tester)):
         return InProcessWorker(tester)
-    return LocalWorkers(tester, workers, drive_limit=drive_limit, log=log, ahead=ahead, keep=keep)
+    return LocalWorkers(
+        tester, workers, drive_limit=drive_limit, log=log, ahead=ahead, keep_exact=keep_exact
+    )
 
 
 class _Seat:

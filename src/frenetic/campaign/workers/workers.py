@@ -101,7 +101,7 @@ class InProcessWorker(Workers):
         candidate = self._task
         start = time.perf_counter()
         try:
-            attempt = self._tester.attempt(candidate, NAME, keep=True)
+            attempt = self._tester.attempt(candidate, NAME, keep_exact=True)
         except KeyboardInterrupt:
             raise
         except BaseException as error:

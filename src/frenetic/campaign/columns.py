@@ -1,0 +1,286 @@
+"""The columns of a campaign's database: each value of a candidate, a test and a finding.
+
+The database's tables, the records that are read from them and the exported tables follow from these
+columns.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass, fields, replace
+from functools import cached_property
+from json import JSONEncoder
+from typing import Any, Final, Literal, TypeAlias
+
+import numpy as np
+from msgspec import convert, to_builtins
+
+from frenetic._support.outside_text import read_json
+from frenetic.campaign.record import Test
+from frenetic.oracle.drive import Trajectory
+from frenetic.oracle.verdict import Finding
+from frenetic.road import Pose
+from frenetic.search.records import Candidate
+from frenetic.spec.terms import DriveSetting
+
+Kind: TypeAlias = Literal["INTEGER", "REAL", "TEXT", "JSON", "REALS", "PAIRS"]
+"""How the database stores a value: as SQLite's INTEGER, REAL or TEXT, as JSON in a text, or as
+float64 in a blob, of shape (n,) for REALS and (n, 2) for PAIRS."""
+
+
+@dataclass(frozen=True)
+class Column:
+    """A column of a table in the database."""
+
+    name: str
+    path: str
+    """Attributes that lead from a `Test` or a `Finding` to the value, joined by dots."""
+    kind: Kind
+    about: str
+    """Meaning of the value, for people."""
+    unit: str = ""
+    """Unit of the value; empty for a text, a share or a number."""
+
+    @cached_property
+    def attributes(self) -> list[str]:
+        """The attributes of the path, one after the other."""
+        return self.path.split(".")
+
+    @property
+    def sql_type(self) -> str:
+        """SQLite's type of the column."""
+        return {"JSON": "TEXT", "REALS": "BLOB", "PAIRS": "BLOB"}.get(self.kind, self.kind)
+
+    def encode(self, value: Any) -> Any:
+        """Return a value as the database stores it.
+
+        Raises:
+            ValueError: the value is not finite.
+        """
+        if value is None:
+            return None
+        if self.kind == "REAL":
+            if not math.isfinite(value):
+                raise ValueError(f"{self.name} is {value}: a finite number is needed")
+            return float(value) + 0.0  # SQLite knows no negative zero
+        if self.kind == "INTEGER":
+            return int(value)
+        if self.kind == "TEXT":
+            # A broken driver's message may hold halves of characters, which SQLite refuses.
+            return str(value).encode("utf-8", "backslashreplace").decode()
+        if self.kind == "JSON":
+            if not value and isinstance(value, dict | tuple):  # a shortcut: most are empty
+                return "[]" if isinstance(value, tuple) else "{}"
+            try:
+                text = _FINITE_JSON.encode(to_builtins(value, enc_hook=_python_number))
+            except ValueError:
+                raise ValueError(f"{self.name} is {value}: finite numbers are needed") from None
+            return _HALF_CHARACTER.sub(lambda half: rf"\\u{ord(half[0]):x}", text)
+        if not np.isfinite(value).all():
+            raise ValueError(f"{self.name} are not all finite")
+        return np.ascontiguousarray(value, "<f8").tobytes()
+
+    def decode(self, value: Any) -> Any:
+        """Return the value of a cell of the database.
+
+        Raises:
+            ValueError: the value does not have this kind.
+        """
+        if value is None:
+            return None
+        if self.kind == "JSON":
+            return read_json(value)
+        if self.kind in ("REALS", "PAIRS"):
+            values = np.frombuffer(value, "<f8").astype(np.float64, copy=False)
+            if not np.isfinite(values).all():
+                raise ValueError(f"the {self.name} are not all finite")
+            return values.reshape(-1, 2) if self.kind == "PAIRS" else values
+        return value
+
+
+_FINITE_JSON: Final = JSONEncoder(ensure_ascii=False, allow_nan=False)
+"""Encoder that refuses NaN and infinity; msgspec's would write null for them."""
+_HALF_CHARACTER: Final = re.compile("[\ud800-\udfff]")
+"""Half of a surrogate pair, which is no character and not allowed in UTF-8."""
+
+
+def _python_number(value: Any) -> Any:
+    """Return a number of numpy as a number of Python."""
+    return value.item()
+
+
+CANDIDATE_COLUMNS: Final = (
+    Column("id", "candidate.id", "INTEGER", "counts from 1 in the order of asking"),
+    Column(
+        "operator",
+        "candidate.origin.operator",
+        "TEXT",
+        "operator that made the road: random, P1, ..",
+    ),
+    Column(
+        "parents",
+        "candidate.origin.parents",
+        "JSON",
+        "ids of the candidates that the road was made from",
+    ),
+    Column("generation", "candidate.origin.generation", "INTEGER", "0 for a random road"),
+    Column("step", "candidate.step", "REAL", "between two curvatures", "m"),
+    Column(
+        "curvatures",
+        "candidate.curvatures",
+        "REALS",
+        "curvatures, positive to the left, linear in between",
+        "1/m",
+    ),
+    Column(
+        "points",
+        "candidate.points",
+        "PAIRS",
+        "points of the road, if it was proposed as points",
+        "m",
+    ),
+    Column(
+        "superelevation",
+        "candidate.superelevation",
+        "PAIRS",
+        "distance along the road in m, slope across it",
+    ),
+    Column("grade", "candidate.grade", "PAIRS", "distance along the road in m, slope along it"),
+    Column(
+        "widening",
+        "candidate.widening",
+        "PAIRS",
+        "distance along the road in m, m by which lanes widen",
+    ),
+    Column(
+        "speed_limits",
+        "candidate.speed_limits",
+        "PAIRS",
+        "distance along the road in m, km/h from there on",
+    ),
+    Column(
+        "conditions",
+        "candidate.conditions",
+        "JSON",
+        "conditions in which the drive differs from others",
+    ),
+    Column("repeat", "candidate.repeat", "INTEGER", "counts the drives of one road from 0"),
+    Column("source", "candidate.source", "JSON", "campaign and test from which the road was taken"),
+    Column("notes", "candidate.notes", "JSON", "notes of the strategy"),
+)
+"""Columns of a candidate, which the strategy was asked for."""
+
+RESULT_COLUMNS: Final = (
+    Column("result_number", "result_number", "INTEGER", "counts from 1 in the order of results"),
+    Column("outcome", "result.outcome", "TEXT", "PASS, FAIL, INVALID, ERROR or DROPPED"),
+    Column("reason", "result.reason", "TEXT", "reason of the outcome"),
+    Column("budget_spent", "budget_spent", "REAL", "share of the budget spent after the result"),
+    Column("reported_share", "reported_share", "REAL", "spent share that a client reported"),
+    Column("x", "pose.x", "REAL", "of the pose in which the road starts on the map", "m"),
+    Column("y", "pose.y", "REAL", "of the pose in which the road starts on the map", "m"),
+    Column(
+        "heading", "pose.heading", "REAL", "of the pose in which the road starts on the map", "rad"
+    ),
+    Column("moobd", "result.moobd", "REAL", "minimum oob distance", "m"),
+    Column(
+        "moobd_distance",
+        "result.moobd_distance",
+        "REAL",
+        "distance along the road to the MOOBD",
+        "m",
+    ),
+    Column(
+        "max_oob_share", "result.max_oob_share", "REAL", "largest share of the car outside its lane"
+    ),
+    Column("duration", "result.duration", "REAL", "simulated time of the drive", "s"),
+    Column("fault", "result.fault", "JSON", "part whose code broke, and where"),
+    Column("objective", "objective", "REAL", "value of the objective, unless it is the MOOBD"),
+    Column("seconds", "seconds", "REAL", "wall time of the test", "s"),
+    Column("elapsed", "elapsed", "REAL", "campaign time of the result", "s"),
+    Column("finished_at", "finished_at", "TEXT", "time of the result"),
+    Column("attempts", "attempts", "INTEGER", "number of attempts"),
+    Column("worker", "worker", "TEXT", "name of the worker that drove"),
+    Column("records", "records", "INTEGER", "number of records of its trajectory"),
+)
+"""Columns of a candidate's result; all are NULL while the candidate is outstanding."""
+
+FINDING_COLUMNS: Final = tuple(
+    Column(item.name, item.name, "TEXT" if item.name in ("criterion", "side") else "REAL", "")
+    for item in fields(Finding)
+)
+"""Columns of a finding, which follow the id of its test and its number in the test."""
+
+TEST_COLUMNS: Final = (*CANDIDATE_COLUMNS, *RESULT_COLUMNS)
+"""Columns of a test: a candidate with its result."""
+
+
+def row_of(record: Any, columns: Sequence[Column]) -> tuple[Any, ...]:
+    """Return the values of a candidate, test or finding, in the order of the columns.
+
+    Raises:
+        ValueError: a number is not finite.
+    """
+    # A column's path starts at a test; from a candidate it is shorter by "candidate".
+    start = 1 if isinstance(record, Candidate) else 0
+    return tuple([column.encode(value_at(record, column.attributes[start:])) for column in columns])
+
+
+def value_at(record: Any, path: Sequence[str]) -> Any:
+    """Return the value at the end of a path of attributes; None if an attribute is None."""
+    value = record
+    for name in path:
+        if value is None:
+            return None
+        value = getattr(value, name)
+    return value
+
+
+def read_candidate(row: Sequence[Any]) -> Candidate:
+    """Return the candidate in a row of `TEST_COLUMNS`.
+
+    Raises:
+        ValueError: the row is damaged; the message names the value.
+    """
+    candidate: Candidate = convert(_nested(CANDIDATE_COLUMNS, row)["candidate"], Candidate)
+    return candidate
+
+
+def read_test(
+    row: Sequence[Any],
+    findings: Sequence[Sequence[Any]] = (),
+    trajectory: Trajectory | None = None,
+    setting: DriveSetting | None = None,
+) -> Test:
+    """Return the test in a row of `TEST_COLUMNS`.
+
+    Args:
+        row: values of the test.
+        findings: rows of the test's findings, each with the values of `FINDING_COLUMNS`.
+        trajectory: trajectory of the test; None to leave it out.
+        setting: setting of the campaign's drives; None if the campaign does not record it.
+
+    Raises:
+        ValueError: a row is damaged; the message names the value.
+    """
+    values = _nested(TEST_COLUMNS, row)
+    if pose := values.pop("pose"):
+        values["pose"] = [pose.get(name) for name in Pose._fields]
+    names = [column.name for column in FINDING_COLUMNS]
+    values["result"]["findings"] = [dict(zip(names, finding, strict=True)) for finding in findings]
+    test: Test = convert(values, Test)
+    return replace(test, trajectory=trajectory, setting=setting)
+
+
+def _nested(columns: Sequence[Column], row: Sequence[Any]) -> dict[str, Any]:
+    """Return the values of a row in dictionaries nested by the columns' paths, without NULLs."""
+    values: dict[str, Any] = {"candidate": {"origin": {}}, "result": {}, "pose": {}}
+    for column, value in zip(columns, row, strict=False):  # a row may hold more than `columns`
+        if value is None:
+            continue
+        parent = values
+        for name in column.attributes[:-1]:
+            parent = parent[name]
+        parent[column.attributes[-1]] = column.decode(value)
+    return values
