@@ -23,7 +23,7 @@ import numpy as np
 
 from frenetic.analysis.clusters import distinct_failures
 from frenetic.campaign import CampaignStore
-from frenetic.campaign.guarded_strategy import FACTS
+from frenetic.campaign.guarded_strategy import SEARCH_FACTS
 from frenetic.campaign.summary import facts_text
 
 DRIVERS: Final = {
@@ -62,7 +62,7 @@ def compare(folder: Path, options: list[str], seeds: list[int], simulations: int
             search(run_folder, options, strategy, seed, simulations)
             with CampaignStore.open(run_folder) as store:
                 distinct, failed = len(distinct_failures(store)), store.counts().failed
-                twin_text = facts_text(store.fact(FACTS))
+                twin_text = facts_text(store.fact(SEARCH_FACTS))
             counts.append((distinct, failed))
             text = f"seed {seed} {strategy}: {distinct} distinct of {failed} failures"
             print(f"{text}; {twin_text}" if twin_text else text, flush=True)

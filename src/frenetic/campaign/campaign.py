@@ -34,7 +34,6 @@ from frenetic.campaign.defaults import (
 )
 from frenetic.campaign.guarded_strategy import (
     ObservingStrategy,
-    replay,
     require_fresh,
     require_valid_roads,
     start,
@@ -45,6 +44,7 @@ from frenetic.campaign.objective import MOOBD, Objective
 from frenetic.campaign.objective_values import worst_test
 from frenetic.campaign.reader import SOURCES, STARTED_IN
 from frenetic.campaign.record import Test
+from frenetic.campaign.replay import replay
 from frenetic.campaign.second_drive import SecondDrive
 from frenetic.campaign.session import SearchSession, saying_what_is_stored
 from frenetic.campaign.store import CampaignStore

@@ -11,7 +11,7 @@ from typing import Final
 from frenetic._support.words import present_moment
 from frenetic.campaign.evaluation import evaluation_of
 from frenetic.campaign.guarded_strategy import (
-    FACTS,
+    SEARCH_FACTS,
     ObservingStrategy,
     ask,
     facts_of,
@@ -402,6 +402,6 @@ class Dispatcher:
             facts = facts_of(self._strategy, self._summary)
             if facts != self._summary.facts:
                 self._summary.facts = facts
-                self._store.keep(**{FACTS: facts})
+                self._store.keep(**{SEARCH_FACTS: facts})
             summary = self._summary.snapshot(time.perf_counter() - self._start)
             self._log.progress(summary)

@@ -57,7 +57,8 @@ _UNLISTED_FACTS: Final = (
 """Names of facts that `CampaignReader.facts` leaves out: they are large or shown elsewhere."""
 _SELECT_ROADS: Final = (
     "SELECT id, outcome, conditions, step, curvatures, points,"  # noqa: S608
-    f" {comma_list(profile.NAMES)} FROM test WHERE result_number IS NOT NULL AND outcome <> 'DROPPED' ORDER BY result_number"
+    f" {comma_list(profile.NAMES)} FROM test"
+    " WHERE result_number IS NOT NULL AND outcome <> 'DROPPED' ORDER BY result_number"
 )
 _ORDER_CLAUSES: Final[Mapping[Order, str]] = {
     "result_number": "result_number",

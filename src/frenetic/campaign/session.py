@@ -10,7 +10,7 @@ from functools import partial
 from typing import Any, Final
 
 from frenetic._support.words import counted
-from frenetic.campaign.guarded_strategy import FACTS, facts_of, notice_of
+from frenetic.campaign.guarded_strategy import SEARCH_FACTS, facts_of, notice_of
 from frenetic.campaign.log import CampaignLog, LogEvent
 from frenetic.campaign.loop import Dispatcher, SearchPlan, SearchState
 from frenetic.campaign.second_drive import SecondDrive
@@ -140,7 +140,7 @@ class SearchSession:
             notice=end.notice,
             strategy_seconds=round(end.strategy_seconds, 4),
             budget=asdict(self.plan.budget),
-            **{FACTS: end.facts},
+            **{SEARCH_FACTS: end.facts},
         )
         self.log.progress(end)
         last = LogEvent.INTERRUPTED if is_interrupted else LogEvent.FINISHED

@@ -253,7 +253,7 @@ def _facts_of_campaign(store: CampaignStore, counts: Counts) -> list[tuple[str, 
     from frenetic.analysis.caution import caution
     from frenetic.analysis.criteria import criteria_text
     from frenetic.campaign.configuration import earlier_of
-    from frenetic.campaign.guarded_strategy import FACTS
+    from frenetic.campaign.guarded_strategy import SEARCH_FACTS
     from frenetic.campaign.objective_values import objective_text
     from frenetic.campaign.second_drive import not_repeatable
     from frenetic.campaign.summary import facts_text
@@ -284,7 +284,7 @@ def _facts_of_campaign(store: CampaignStore, counts: Counts) -> list[tuple[str, 
         ("go on", _going_on(store)),
         ("results", counts.as_text()),
         ("known before", still_failing(store)),
-        ("search", facts_text(facts.get(FACTS))),
+        ("search", facts_text(facts.get(SEARCH_FACTS))),
         ("note", not_repeatable(facts)),
         ("note", str(facts.get("notice") or "")),
         ("note", caution(store)),

@@ -34,8 +34,8 @@ from frenetic._support.outside_text import read_json
 from frenetic._support.words import counted
 from frenetic.campaign import MAX_IN_FLIGHT, Campaign, CampaignStore, Event, new_folder
 from frenetic.campaign.database import DATABASE
-from frenetic.campaign.guarded_strategy import replay
 from frenetic.campaign.record import Test
+from frenetic.campaign.replay import replay
 from frenetic.campaign.tester import RoadTester
 from frenetic.errors import CampaignError, FreneticError
 from frenetic.oracle.outcome import Outcome

@@ -22,9 +22,9 @@ from frenetic.analysis.causes import kind_number
 from frenetic.analysis.clusters import CauseGroup
 from frenetic.analysis.failures import Failure
 from frenetic.campaign.database import DATABASE
-from frenetic.campaign.guarded_strategy import replay
 from frenetic.campaign.objective import Objective
 from frenetic.campaign.record import Test
+from frenetic.campaign.replay import replay
 from frenetic.campaign.second_drive import Match
 from frenetic.campaign.store import CampaignStore
 from frenetic.campaign.tester import RoadTester

@@ -20,7 +20,7 @@ from frenetic.campaign import Campaign, CampaignStore
 from frenetic.campaign.check import check_campaign
 from frenetic.campaign.configuration import recorded_spec
 from frenetic.campaign.evaluation import evaluate
-from frenetic.campaign.guarded_strategy import FACTS
+from frenetic.campaign.guarded_strategy import SEARCH_FACTS
 from frenetic.drivers.driver import Driver
 from frenetic.errors import CampaignError, FreneticError
 from frenetic.oracle.outcome import Outcome
@@ -118,7 +118,7 @@ def test_a_campaign_with_foresight_finds_more_and_goes_on_with_the_same_roads(
     whole = tmp_path / "whole"
     Campaign.of(spec_of(profile=str(profile)), folder=whole, workers=1).run()
     with CampaignStore.open(whole) as store:
-        facts: Any = store.fact(FACTS)
+        facts: Any = store.fact(SEARCH_FACTS)
     foreseen_children = facts["children with foresight"]
     assert foreseen_children > facts["children without foresight"]
     assert facts["new failures with foresight"] > 0.7 * foreseen_children

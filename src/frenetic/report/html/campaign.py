@@ -35,7 +35,7 @@ from frenetic.analysis.segments import Segment, segment_of_test
 from frenetic.campaign.advice import resume_command
 from frenetic.campaign.configuration import OWNER, SPEC, earlier_of
 from frenetic.campaign.counts import Counts
-from frenetic.campaign.guarded_strategy import FACTS
+from frenetic.campaign.guarded_strategy import SEARCH_FACTS
 from frenetic.campaign.objective_values import objective_text
 from frenetic.campaign.record import Test
 from frenetic.campaign.second_drive import not_repeatable
@@ -356,7 +356,7 @@ def headline(
         "objective": objective_text(store),
         "starts from": "; ".join(map(str, earlier_of(config))),
         "known before": still_failing(store),
-        "search": facts_text(facts.get(FACTS)),
+        "search": facts_text(facts.get(SEARCH_FACTS)),
         "driver": f"{driver}, {version}" if version else "",
         "finished": _when(facts.get("finished_at")),
     }
