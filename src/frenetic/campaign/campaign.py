@@ -46,7 +46,7 @@ from frenetic.campaign.reader import SOURCES, STARTED_IN
 from frenetic.campaign.record import Test
 from frenetic.campaign.replay import replay
 from frenetic.campaign.second_drive import SecondDrive
-from frenetic.campaign.session import SearchSession, saying_what_is_stored
+from frenetic.campaign.session import SearchSession, progress_in_errors
 from frenetic.campaign.store import CampaignStore
 from frenetic.campaign.stored_spec import stored_budget
 from frenetic.campaign.summary import EventListener, Summary
@@ -433,7 +433,7 @@ class Campaign(NotebookRepr):
         if event is LogEvent.RESUMED:
             # Stored now: however this process ends, a later resume takes this budget.
             store.reopen(budget=asdict(self._required_budget))
-        with CampaignLog(self.folder) as log, saying_what_is_stored(store, summary):
+        with CampaignLog(self.folder) as log, progress_in_errors(store, summary):
             configuration = self.configuration()
             fields: dict[str, Any] = {name: configuration[name] for name in _LOGGED_ENTRIES}
             message = str(event)

@@ -37,59 +37,62 @@ from frenetic.search.strategy import SearchEnded, Strategy, has_own
 from frenetic.spec import Budget
 
 MAX_ATTEMPTS: Final = 2
-"""Most attempts at a candidate whose worker or simulator breaks (ours)."""
+"""Most attempts at a candidate whose worker or simulator breaks (our choice)."""
 MAX_ERRORS_IN_A_ROW: Final = 10
-"""Consecutive drives without a verdict after which a campaign gives up (ours)."""
+"""Number of consecutive drives without a verdict after which a campaign gives up (our choice)."""
 MAX_INVALID_IN_A_ROW: Final = 5_000
-"""Consecutive refused roads after which a campaign gives up (ours)."""
+"""Number of consecutive refused roads after which a campaign gives up (our choice)."""
 MAX_INVALID_AT_FIRST: Final = 500
-"""Refused roads after which a campaign without a drive gives up (ours): a strategy with 2 % valid
-roads would come to this limit in 4 of 100,000 campaigns."""
+"""Number of refused roads after which a campaign without a drive gives up (our choice): a strategy
+with 2 % valid roads would reach this limit in 4 of 100,000 campaigns."""
 PROGRESS_INTERVAL: Final = 5.0
-"""Time between two lines of progress in the log, in s (ours)."""
-
-_HEARTBEAT: Final = 1.0  # [s] between two looks at the clock while nothing comes back, ours
+"""Time between two lines of progress in the log, in s (our choice)."""
+_LONGEST_WAIT: Final = 1.0
+"""Longest wait for an attempt until budget and interrupt are checked again, in s (our choice)."""
 
 
 @dataclass(frozen=True)
 class SearchPlan:
-    """What a search is to do."""
+    """The parts and the limits of a search."""
 
     strategy: Strategy
     objective: Objective
     budget: Budget
     limit: int | None
-    """Number of simulations at which this run stops within the budget; None for no such limit."""
+    """Number of simulations at which this run stops before the budget is spent; None for no such
+    limit."""
     max_in_flight: int | None
-    """Candidates outstanding at once; None for as many as the workers have room for."""
+    """Most candidates outstanding at once; None for as many as the workers have room for."""
 
 
 @dataclass(frozen=True)
 class SearchState:
-    """How far a search has come; a search that goes on takes it over."""
+    """The progress of a search, which a search that continues takes over and changes."""
 
     summary: Summary
+    """Counts, times and spent budget."""
     outstanding: dict[int, Candidate]
     """Candidates without a result, by id in the order of asking."""
     unreported: deque[tuple[int, Summary]]
-    """Ids of stored tests that the caller has not seen yet, each with the summary after it."""
+    """Ids of stored tests that were not reported to the caller, each with the summary after it."""
 
 
 class Dispatcher:
     """The loop of a campaign, from its stored results to the end of its budget.
 
-    Asking and telling follow from the results alone, not from the number and speed of workers: as
-    many candidates are outstanding as `max_in_flight` says, and the strategy learns the oldest
-    first, as DROPPED if it no longer wants it, even if it was driven already.
+    The search depends on the results alone, not on the number and speed of the workers: as many
+    candidates are outstanding as `max_in_flight` says, and the strategy is told the result of the
+    oldest first. If the strategy no longer wants the oldest, its result is DROPPED, even if it was
+    driven already.
 
     Args:
-        plan: what to search.
-        state: how far the search has come, which changes with each result.
-        workers: test the candidates.
-        store: of the campaign.
-        log: of the campaign.
-        interrupt: request to stop.
-        second: drive of the first failure; None for no second drive.
+        plan: parts and limits of the search.
+        state: progress of the search, which changes with each result.
+        workers: workers that test the candidates.
+        store: the campaign, to which the results are added.
+        log: log of the campaign.
+        interrupt: the user's request to stop.
+        second_drive: second drive of the first failure; None for no second drive.
     """
 
     def __init__(
@@ -101,7 +104,7 @@ class Dispatcher:
         store: CampaignStore,
         log: CampaignLog,
         interrupt: Interrupt,
-        second: SecondDrive | None,
+        second_drive: SecondDrive | None,
     ) -> None:
         strategy = plan.strategy
         self._plan = plan
@@ -114,24 +117,26 @@ class Dispatcher:
         self._interrupt = interrupt
         self._summary = state.summary
         self._outstanding = state.outstanding
-        self._waiting = set(self._outstanding)  # ids of candidates that wait for a worker
-        self._running: set[int] = set()  # ids
-        self._tries: Counter[int] = Counter()
-        self._ended: dict[int, Attempt] = {}  # tested or lost for good, unknown to the strategy
-        self._unwritten: list[tuple[Test, Trouble | None, Summary]] = []  # known to the strategy
+        self._waiting_ids = set(self._outstanding)  # of candidates that wait for a worker
+        self._running_ids: set[int] = set()  # of candidates that a worker has
+        self._attempt_counts: Counter[int] = Counter()  # number of attempts by a candidate's id
+        # Attempts that count, by candidate, which the strategy has not been told.
+        self._final_attempts: dict[int, Attempt] = {}
+        # Tests that the strategy was told, each with its error and the summary after it.
+        self._unwritten: list[tuple[Test, Trouble | None, Summary]] = []
         self._unreported = state.unreported
-        self._second = second
-        self._summary.not_repeatable = "" if second is None else second.note
-        self._waits_for_result = False  # the strategy, before it proposes another road
-        self._broken = 0  # drives in a row that could not be judged
+        self._second_drive = second_drive
+        self._summary.not_repeatable = "" if second_drive is None else second_drive.note
+        self._strategy_needs_result = False  # before it proposes another road
+        self._unjudged_count = 0  # drives in a row that could not be judged
         self._refusals: Counter[str] = Counter()  # reasons of refused roads in a row
-        self._start = 0.0
-        self._next_line = 0.0  # of progress
+        self._start = 0.0  # [s] on the clock of `perf_counter`
+        self._next_progress = 0.0  # [s] on the monotonic clock, of the next line in the log
 
     def tests(self) -> Iterator[tuple[int, Summary]]:
-        """Test until the budget is spent or a stop requested.
+        """Search until the budget is spent or a stop is requested.
 
-        Yields the candidate's id and the summary after every result, which is stored by then.
+        It yields the id and the summary of each result after the result was stored.
 
         Raises:
             CampaignError: the strategy or all workers broke, or no road or drive could be judged.
@@ -141,26 +146,27 @@ class Dispatcher:
         try:
             yield from self._rounds()
         except CampaignError:
-            yield from self._report()  # earlier results
+            yield from self._store_and_report()  # results from before the error
             raise
 
     def _rounds(self) -> Iterator[tuple[int, Summary]]:
+        """Ask, drive and tell, round after round, until the search is over."""
         while True:
             self._ask()
             self._hand_out()
-            yield from self._report()  # dropped candidates
+            yield from self._store_and_report()
             if self._is_over():
                 return
             if self._may_ask():
-                continue  # waiting candidates were dropped
-            for attempt in self._workers.wait(_HEARTBEAT):
+                continue  # candidates that are no longer wanted left room for others
+            for attempt in self._workers.wait(_LONGEST_WAIT):
                 self._take(attempt)
             self._tell_in_order()
-            yield from self._report()
+            yield from self._store_and_report()
             self._log_progress()
 
-    def _report(self) -> Iterator[tuple[int, Summary]]:
-        """Write all new results in one transaction, and only then report them."""
+    def _store_and_report(self) -> Iterator[tuple[int, Summary]]:
+        """Store all new results in one transaction, and only then yield them."""
         if self._unwritten:
             self._store.write()
             written, self._unwritten = self._unwritten, []
@@ -172,19 +178,21 @@ class Dispatcher:
 
     @property
     def _is_spent(self) -> bool:
-        """Whether the budget is spent, or the limit within it reached."""
+        """Whether the budget is spent, or this run's limit is reached."""
         if self._plan.limit is not None and self._summary.simulations >= self._plan.limit:
             return True
         return self._summary.budget_spent >= 1.0
 
     def _is_over(self) -> bool:
-        if self._again and (self._again.id in self._running or not self._interrupt.requested):
+        """Return whether the search ends here."""
+        second = self._second_candidate
+        if second and (second.id in self._running_ids or not self._interrupt.requested):
             return False
         if self._is_spent:
-            return True  # running tests come too late, however fast the workers are
+            return True  # tests that still run are left, so the end does not depend on their speed
         if self._summary.ended and not self._outstanding:
             return True
-        return self._interrupt.requested and not self._running
+        return self._interrupt.requested and not self._running_ids
 
     def _ask(self) -> None:
         """Ask for candidates up to the allowed number."""
@@ -200,117 +208,123 @@ class Dispatcher:
                         "the strategy wants to be told a result before it proposes a road, and none"
                         " is outstanding"
                     )
-                self._waits_for_result = True
+                self._strategy_needs_result = True
                 return
             self._store.add_candidate(candidate)
             self._outstanding[candidate.id] = candidate
-            self._waiting.add(candidate.id)
+            self._waiting_ids.add(candidate.id)
 
     def _may_ask(self) -> bool:
-        if self._is_spent or self._summary.ended or self._waits_for_result:
+        """Return whether the strategy may be asked for another candidate now."""
+        if self._is_spent or self._summary.ended or self._strategy_needs_result:
             return False
         simulations = self._summary.simulations + len(self._outstanding)
         most = self._plan.budget.simulations
         if self._summary.reported_share is None and most is not None and simulations >= most:
             return False
         if self._plan.max_in_flight is None:
-            return len(self._waiting) < self._workers.free
-        # Also after an interrupt or within a limit: asking must not depend on its moment.
+            return len(self._waiting_ids) < self._workers.free
+        # An interrupt or this run's limit changes nothing here: what the strategy is asked must not
+        # depend on the moment at which a run stops.
         return len(self._outstanding) < self._plan.max_in_flight
 
     @property
-    def _again(self) -> Candidate | None:
-        """Failing road that is to be driven a second time, also when the budget is spent."""
-        return None if self._second is None else self._second.candidate
+    def _second_candidate(self) -> Candidate | None:
+        """Failing road to drive a second time, even when the budget is spent; None without one."""
+        return None if self._second_drive is None else self._second_drive.candidate
 
     def _submit(self, candidate: Candidate) -> None:
-        self._running.add(candidate.id)
-        self._tries[candidate.id] += 1
+        """Hand a candidate to a free worker."""
+        self._running_ids.add(candidate.id)
+        self._attempt_counts[candidate.id] += 1
         self._workers.submit(candidate)
 
     def _hand_out(self) -> None:
-        """Submit waiting candidates to free workers, and drop unwanted candidates."""
+        """Hand waiting candidates that the strategy still wants to free workers."""
         if self._interrupt.requested:
             return
-        if self._again and self._again.id not in self._running and self._workers.free:
-            self._submit(self._again)
+        second = self._second_candidate
+        if second and second.id not in self._running_ids and self._workers.free:
+            self._submit(second)
         if self._is_spent:
             return
-        while self._waiting and self._workers.free:
-            candidate = self._next()
-            self._waiting.remove(candidate.id)
-            if self._is_wanted(candidate):  # else it is dropped when its turn comes
+        while self._waiting_ids and self._workers.free:
+            candidate = self._next_to_submit()
+            self._waiting_ids.remove(candidate.id)
+            if self._is_wanted(candidate):  # otherwise it is dropped when it is the oldest
                 self._submit(candidate)
 
-    def _next(self) -> Candidate:
+    def _next_to_submit(self) -> Candidate:
         """Return the waiting candidate to submit next.
 
-        This is the oldest candidate that the strategy will surely want: a selective strategy is
+        It is the oldest candidate that the strategy will surely want: a selective strategy is
         likely to lose interest in a candidate when an older candidate of the same parents fails.
-        The order does not change the search, only the number of drives in vain, so siblings come
-        last.
+        So a candidate with an older sibling that has not passed comes last. The order does not
+        change the search, only the number of drives whose results are dropped.
         """
-        oldest = self._outstanding[min(self._waiting)]
+        oldest = self._outstanding[min(self._waiting_ids)]
         if not self._is_selective:
             return oldest
-        doubtful: set[tuple[int, ...]] = set()  # parents of a child that has not passed
+        doubtful_parents: set[tuple[int, ...]] = set()  # with a child that has not passed
         for candidate in self._outstanding.values():
             parents = candidate.origin.parents
-            if candidate.id in self._waiting and parents not in doubtful:
+            if candidate.id in self._waiting_ids and parents not in doubtful_parents:
                 return candidate
-            attempt = self._ended.get(candidate.id)
+            attempt = self._final_attempts.get(candidate.id)
             if parents and (attempt is None or attempt.result.outcome is Outcome.FAIL):
-                doubtful.add(parents)
+                doubtful_parents.add(parents)
         return oldest
 
     def _take(self, attempt: Attempt) -> None:
-        """Record an attempt; repeat a lost attempt unless it was the last."""
+        """Keep a worker's attempt for the strategy, or let its candidate be tried again."""
         candidate_id = attempt.candidate_id
-        self._running.discard(candidate_id)
-        is_second = self._again is not None and self._again.id == candidate_id
+        self._running_ids.discard(candidate_id)
+        second = self._second_candidate
+        is_second = second is not None and second.id == candidate_id
         if candidate_id not in self._outstanding and not is_second:
-            return  # dropped meanwhile
-        tries = self._tries[candidate_id]
-        if attempt.failure is not None and tries < MAX_ATTEMPTS:
-            if not is_second:
-                self._waiting.add(candidate_id)
-            self._log.retried(attempt, tries)
+            return  # dropped while it was driven
+        attempt_count = self._attempt_counts[candidate_id]
+        if attempt.failure is not None and attempt_count < MAX_ATTEMPTS:
+            if not is_second:  # `_hand_out` submits a second drive until it was taken
+                self._waiting_ids.add(candidate_id)
+            self._log.retried(attempt, attempt_count)
         elif is_second:
-            self._take_second(attempt)
+            self._take_second_drive(attempt)
         else:
-            self._ended[candidate_id] = attempt
+            self._final_attempts[candidate_id] = attempt
 
-    def _take_second(self, attempt: Attempt) -> None:
+    def _take_second_drive(self, attempt: Attempt) -> None:
         """Note whether the second drive of the first failure is like the first drive."""
-        assert self._second is not None
-        self._tries.pop(attempt.candidate_id)
-        self._second.take(attempt)
-        self._summary.not_repeatable = self._second.note
-        if self._second.note:
-            self._log.write(LogEvent.NOTICE, self._second.note, level="warning")
+        assert self._second_drive is not None
+        self._attempt_counts.pop(attempt.candidate_id)
+        self._second_drive.compare(attempt)
+        note = self._summary.not_repeatable = self._second_drive.note
+        if note:
+            self._log.write(LogEvent.NOTICE, note, level="warning")
 
     def _tell_in_order(self) -> None:
-        """Tell results as long as the oldest candidate's is known, and ask in between."""
+        """Tell results, oldest candidate first, until one is missing; ask after each."""
         while self._outstanding and not self._is_spent:
             oldest = next(iter(self._outstanding.values()))
             if not self._is_wanted(oldest):
                 self._drop(oldest)
-            elif oldest.id in self._ended:
-                self._tell(oldest, self._ended.pop(oldest.id))
+            elif oldest.id in self._final_attempts:
+                self._tell(oldest, self._final_attempts.pop(oldest.id))
             else:
                 return
             self._ask()
 
     def _drop(self, candidate: Candidate) -> None:
         """Store and tell that a candidate is dropped."""
-        self._ended.pop(candidate.id, None)
-        self._waiting.discard(candidate.id)
-        # Whether it was tried meanwhile depends on the workers.
-        self._tries.pop(candidate.id, None)
+        self._final_attempts.pop(candidate.id, None)
+        self._waiting_ids.discard(candidate.id)
+        # Attempts are not stored here: whether there were any depends on the speed of the workers.
+        self._attempt_counts.pop(candidate.id, None)
         reason = "not wanted any more when its turn came"
         self._tell(candidate, Attempt.undriven(candidate.id, Outcome.DROPPED, reason))
 
     def _tell(self, candidate: Candidate, attempt: Attempt) -> None:
+        """Count the result of a candidate, add it to the store, and tell it to the strategy."""
         attempt = attempt.pack(keep_exact=True)
         summary, result = self._summary, attempt.result
         summary.add(candidate, result.outcome, result.moobd)
@@ -323,7 +337,7 @@ class Dispatcher:
             attempt,
             result_number=summary.result_count,
             budget_spent=summary.budget_spent,
-            attempts=self._tries.pop(candidate.id, 0),
+            attempts=self._attempt_counts.pop(candidate.id, 0),
             elapsed=elapsed,
             finished_at=present_moment(),
             setting=self._store.setting,
@@ -334,18 +348,19 @@ class Dispatcher:
         if evaluation.objective is not None:
             test = replace(test, objective=self._plan.objective.value_of(evaluation))
         self._store.add_result(test, attempt.packed)
-        if self._second is not None:
-            self._second.see(test)
+        if self._second_drive is not None:
+            self._second_drive.note_test(test)
         del self._outstanding[candidate.id]
         summary.note_objective(self._plan.objective, evaluation)
         tell(self._strategy, evaluation, summary)
-        self._waits_for_result = False
+        self._strategy_needs_result = False
         self._log_notice()
-        now = summary.snapshot(time.perf_counter() - self._start)
-        self._unwritten.append((test, attempt.trouble, now))
+        snapshot = summary.snapshot(time.perf_counter() - self._start)
+        self._unwritten.append((test, attempt.trouble, snapshot))
         self._give_up_if_hopeless(test)
 
     def _is_wanted(self, candidate: Candidate) -> bool:
+        """Return whether the strategy still wants the result of a candidate."""
         if not self._is_selective:
             return True
         try:
@@ -357,24 +372,25 @@ class Dispatcher:
     def _give_up_if_hopeless(self, test: Test) -> None:
         """Raise a `CampaignError` if too many roads in a row were not judged.
 
-        A road of an earlier campaign does not count: that it breaks or is refused is an answer.
+        A road of an earlier campaign does not count: it is driven to learn whether it still fails.
         """
         if test.candidate.source is not None:
             return
         if test.outcome in (Outcome.INVALID, Outcome.DROPPED):
             self._refusals[test.reason] += 1
         elif test.outcome is Outcome.ERROR or self._has_only_crashed(test):
-            self._broken += 1
+            self._unjudged_count += 1
             self._refusals.clear()
         elif test.outcome.is_driven:
-            self._broken = 0
+            self._unjudged_count = 0
             self._refusals.clear()
-        if self._broken >= MAX_ERRORS_IN_A_ROW and self._summary.reported_share is None:
-            so = f"so the campaign gives up: {test.reason}"
+        if self._unjudged_count >= MAX_ERRORS_IN_A_ROW and self._summary.reported_share is None:
+            count, end = self._unjudged_count, f"so the campaign gives up: {test.reason}"
             if is_drivers(test.result.fault):
-                first = f"the driver broke on each of the first {self._broken} roads"
-                raise BrokenDriverError(f"{first}, {so}")
-            raise CampaignError(f"none of the last {self._broken} drives could be judged, {so}")
+                raise BrokenDriverError(
+                    f"the driver broke on each of the first {count} roads, {end}"
+                )
+            raise CampaignError(f"none of the last {count} drives could be judged, {end}")
         refused = self._refusals.total()
         is_first = not self._summary.simulations
         if refused >= (MAX_INVALID_AT_FIRST if is_first else MAX_INVALID_IN_A_ROW):
@@ -384,20 +400,22 @@ class Dispatcher:
             )
 
     def _has_only_crashed(self, test: Test) -> bool:
-        """Return whether each drive so far ended by a fault of its driver."""
+        """Return whether the driver broke in this drive and in each drive before it."""
         has_crashed = is_drivers(test.result.fault) and not self._strategy.expects_failures
-        return has_crashed and self._summary.simulations == self._broken + 1
+        return has_crashed and self._summary.simulations == self._unjudged_count + 1
 
     def _log_notice(self) -> None:
         """Log the strategy's notice about its search, once."""
-        before, self._summary.notice = self._summary.notice, notice_of(self._strategy)
-        if self._summary.notice and not before:
+        had_notice = bool(self._summary.notice)
+        self._summary.notice = notice_of(self._strategy)
+        if self._summary.notice and not had_notice:
             self._log.write(LogEvent.NOTICE, self._summary.notice, level="warning")
 
     def _log_progress(self) -> None:
+        """Log the progress and store the strategy's facts, every `PROGRESS_INTERVAL` s."""
         now = time.monotonic()
-        if now >= self._next_line:
-            self._next_line = now + PROGRESS_INTERVAL
+        if now >= self._next_progress:
+            self._next_progress = now + PROGRESS_INTERVAL
             self._store.require_there()
             facts = facts_of(self._strategy, self._summary)
             if facts != self._summary.facts:

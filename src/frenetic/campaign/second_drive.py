@@ -1,4 +1,4 @@
-"""The second drive of a failing road, which shows whether driver and simulator repeat."""
+"""The second drive of a failing road, which shows whether its failure can be repeated."""
 
 from __future__ import annotations
 
@@ -23,50 +23,54 @@ from frenetic.simulators.embedded import EmbeddedSimulator
 from frenetic.simulators.simulator import Simulator
 
 SECOND_DRIVE: Final = "second_drive"
-"""Fact about the second drive of a campaign's first failure: ``test``, and ``note``, which says why
-the drive is not repeatable and is empty if it is."""
-MOST: Final = 1e-6
-"""Largest difference of the MOOBDs of exact drives, in m (ours): machines round differently."""
-_MOTION: Final = slice(0, 8)  # columns of a trajectory, before the controls chosen there
+"""Name of the fact about the second drive of a campaign's first failure: ``test`` is the id of the
+test, and ``note`` says why the drive is not repeatable; it is empty if the drive is."""
+MAX_MOOBD_DIFFERENCE: Final = 1e-6
+"""Largest difference of the MOOBDs of two drives in an exact simulator, in m (our choice): machines
+round differently."""
+_MOTION_COLUMNS: Final = slice(0, 8)
+"""Columns of a trajectory that the simulator sets; the other columns are the driver's controls."""
 
 
 class Match(StrEnum):
-    """Likeness of a drive's failure to the recorded failure of its road."""
+    """How the failure in a further drive of a road compares with the recorded failure."""
 
     SAME = "same failure"
-    """The same place, side and mechanism."""
+    """The failure has the same place, side and mechanism."""
     OTHER_MECHANISM = "other mechanism"
-    """The same place and side, but road, offsets and speeds before it differ by more than
-    `frenetic.search.approach.ALIKE`, or the drives exceeded other criteria."""
+    """The place and the side are the same, but road, offsets and speeds before the failure differ
+    by more than `frenetic.search.approach.ALIKE`, or the drives exceeded different criteria."""
     OTHER_SIDE = "other side"
-    """The same place, but on the other side of the lane."""
+    """The place is the same, but the side of the lane is the other."""
     ELSEWHERE = "elsewhere"
-    """More than `frenetic.search.approach.BEHIND` away along the road."""
+    """The failure is more than `frenetic.search.approach.BEHIND` away along the road."""
     SAME_PLACE = "same place"
-    """The same place and side; the mechanism is unknown, as a trajectory is missing."""
+    """The place and the side are the same; without a trajectory the mechanism is unknown."""
 
     @classmethod
-    def of(cls, recorded: Test, again: Test, difference: float | None) -> Match | None:
-        """Return how like two failures of a road are; None unless both drives fail.
+    def of(cls, recorded: Test, repeated: Test, difference: float | None) -> Match | None:
+        """Return how two failures of a road compare; None unless both drives fail.
 
         Args:
             recorded: the recorded test.
-            again: the test to compare.
-            difference: of the failures in m, see `frenetic.analysis.failures`; None if unknown.
+            repeated: the test of the further drive.
+            difference: difference of the failures in m, see `frenetic.analysis.failures`; None if
+                it is unknown.
         """
-        if not again.outcome is recorded.outcome is Outcome.FAIL:
+        if not repeated.outcome is recorded.outcome is Outcome.FAIL:
             return None
         fault = recorded.result.fault
-        if fault is not None or again.result.fault is not None:
-            is_like = fault is not None and fault.is_like(again.result.fault)
+        if fault is not None or repeated.result.fault is not None:
+            is_like = fault is not None and fault.is_like(repeated.result.fault)
             return cls.SAME if is_like else cls.OTHER_MECHANISM
-        here, there = again.result.finding, recorded.result.finding
-        if (here and here.criterion) != (there and there.criterion):
+        finding, recorded_finding = repeated.result.finding, recorded.result.finding
+        criterion = finding and finding.criterion
+        if criterion != (recorded_finding and recorded_finding.criterion):
             return cls.OTHER_MECHANISM
-        if here is not None and there is not None:
-            if abs(here.distance - there.distance) > BEHIND:
+        if finding is not None and recorded_finding is not None:
+            if abs(finding.distance - recorded_finding.distance) > BEHIND:
                 return cls.ELSEWHERE
-            if here.side != there.side:
+            if finding.side != recorded_finding.side:
                 return cls.OTHER_SIDE
         if difference is None:
             return cls.SAME_PLACE
@@ -78,23 +82,26 @@ class Match(StrEnum):
         return self in (Match.SAME, Match.SAME_PLACE)
 
 
-def other_ending(first: Test, again: Test) -> str:
-    """Return another outcome or failure of a second drive, in words; empty if it is the same."""
-    if again.outcome is not first.outcome:
-        return f"{again.outcome}, not {first.outcome}"
-    match = Match.of(first, again, _difference(first, again))
+def outcome_difference(first: Test, second: Test) -> str:
+    """Return how outcome or failure of a second drive differ, in words; empty if they do not."""
+    if second.outcome is not first.outcome:
+        return f"{second.outcome}, not {first.outcome}"
+    match = Match.of(first, second, _failure_difference(first, second))
     return "" if match is None or match.is_alike else f"another failure, {match}"
 
 
-def other_moobd(first: Test, again: Test, simulator: Simulator) -> str:
-    """Return another MOOBD of a second drive, in words; empty if the simulator is not exact."""
-    before, now = first.moobd, again.moobd
-    is_cut = first.result.fault is not None  # where the driver hung, say
-    if not is_exact(simulator) or is_cut or before is None or now is None:
+def moobd_difference(first: Test, second: Test, simulator: Simulator) -> str:
+    """Return how the MOOBD of a second drive differs, in words; empty if it does not.
+
+    It is empty, too, if the simulator is not exact, or if a fault cut the first drive short.
+    """
+    is_cut = first.result.fault is not None  # for example where the driver hung
+    if not is_exact(simulator) or is_cut or first.moobd is None or second.moobd is None:
         return ""
-    if abs(now - before) <= MOST:
+    difference = second.moobd - first.moobd
+    if abs(difference) <= MAX_MOOBD_DIFFERENCE:
         return ""
-    return f"a MOOBD {abs(now - before):.2g} m {'lower' if now < before else 'higher'}"
+    return f"a MOOBD {abs(difference):.2g} m {'lower' if difference < 0.0 else 'higher'}"
 
 
 def is_exact(simulator: Simulator) -> bool:
@@ -102,31 +109,33 @@ def is_exact(simulator: Simulator) -> bool:
     return type(simulator).__name__ == EmbeddedSimulator.__name__
 
 
-def _difference(first: Test, again: Test) -> float | None:
-    """Return the difference of two drives of a road in m, see `frenetic.search.approach`."""
-    if not first.trajectory or not again.trajectory:  # also where it has no record
+def _failure_difference(first: Test, second: Test) -> float | None:
+    """Return the difference of two failures in m; None if a trajectory is missing or empty."""
+    if not first.trajectory or not second.trajectory:
         return None
-    return float(np.linalg.norm(_approach(first) - _approach(again)))
+    return float(np.linalg.norm(_approach(first) - _approach(second)))
 
 
 def _approach(test: Test) -> FloatArray:
+    """Return road, offsets and speeds before a failure, see `frenetic.search.approach`."""
     evaluation = evaluation_of(test, lambda: test.trajectory, Objective.load(MOOBD))
     return critical_places(evaluation, test.candidate, 0.0)[0].vector
 
 
-def _suspect(first: Test, again: Test, simulator: Simulator) -> str:
+def _suspect(first: Test, second: Test, simulator: Simulator) -> str:
     """Return which part probably differs in the second drive, and from when on, in words."""
-    a, b = first.trajectory, again.trajectory
-    if a is not None and b is not None:
-        n = min(len(a), len(b))
-        others = a.to_rows()[:n] != b.to_rows()[:n]
-        if others.any():
-            record = int(others.any(axis=1).argmax())
-            since = f"from {a.time[record]:.1f} s on"
-            if is_exact(simulator) or not others[record, _MOTION].any():
+    path, second_path = first.trajectory, second.trajectory
+    if path is not None and second_path is not None:
+        n = min(len(path), len(second_path))
+        is_different = path.to_rows()[:n] != second_path.to_rows()[:n]
+        if is_different.any():
+            record = int(is_different.any(axis=1).argmax())
+            since = f"from {path.time[record]:.1f} s on"
+            # The first value that differs is the driver's unless the car moved differently before.
+            if is_exact(simulator) or not is_different[record, _MOTION_COLUMNS].any():
                 return f"probably the driver, whose controls differ {since}"
             return f"probably the simulator, which moves the car otherwise {since}"
-    fault = again.result.fault or first.result.fault
+    fault = second.result.fault or first.result.fault
     if fault is not None or is_exact(simulator):
         return f"probably the {'driver' if fault is None else fault.part}"
     return "by the driver or the simulator"
@@ -135,11 +144,11 @@ def _suspect(first: Test, again: Test, simulator: Simulator) -> str:
 class SecondDrive:
     """The second drive of a campaign's first failure, in the same conditions.
 
-    It costs no budget, and the search does not learn of it.
+    It takes no budget, and the search does not learn its result.
 
     Args:
-        store: of the campaign, which keeps the result.
-        simulator: of the campaign.
+        store: the campaign, to which the result is added as a fact.
+        simulator: simulator of the campaign.
     """
 
     def __init__(self, store: CampaignStore, simulator: Simulator) -> None:
@@ -147,32 +156,35 @@ class SecondDrive:
         self._simulator = simulator
         self._is_done = SECOND_DRIVE in store.facts
         self.candidate: Candidate | None = None
-        """Failing road, until it was driven a second time; None before and after."""
+        """The candidate to drive a second time; None before the first failure, and afterwards."""
         self.note = not_repeatable(store.facts)
-        """Why verdicts hold for single drives only; empty if drives repeat, as far as known."""
+        """Why a verdict holds only for the drive that it judges; empty if drives repeat, as far as
+        known."""
         for test in store.tests(Outcome.FAIL, limit=1):
-            self.see(test)
+            self.note_test(test)
 
-    def see(self, test: Test) -> None:
-        """Look at a result: the first failure will be driven again."""
+    def note_test(self, test: Test) -> None:
+        """Note a result: the candidate of the first failure will be driven a second time."""
         if test.outcome is Outcome.FAIL and not self._is_done and self.candidate is None:
             self.candidate = test.candidate
 
-    def take(self, attempt: Attempt) -> None:
-        """Compare the second drive with the first, and store the result."""
+    def compare(self, attempt: Attempt) -> None:
+        """Compare the second drive with the first drive, and store the difference in `note`."""
         first = self._store.test(attempt.candidate_id)
         path = attempt.stored_trajectory()
-        again = replace(first, result=attempt.result, pose=attempt.pose, trajectory=path)
-        other = other_ending(first, again)
-        word, follows = "repeatable", "every verdict holds for single drives only"
-        if not other:
-            other = other_moobd(first, again, self._simulator)
-            word, follows = "exactly repeatable", "the same seed may find other roads"
-        if other:
-            who = _suspect(first, again, self._simulator)
+        second = replace(first, result=attempt.result, pose=attempt.pose, trajectory=path)
+        difference = outcome_difference(first, second)
+        property_lost = "repeatable"
+        consequence = "every verdict holds for single drives only"
+        if not difference:
+            difference = moobd_difference(first, second, self._simulator)
+            property_lost = "exactly repeatable"
+            consequence = "the same seed may find other roads"
+        if difference:
+            suspect = _suspect(first, second, self._simulator)
             self.note = (
-                f"test {first.id} is not {word}: driven a second time, it gave {other} ({who}), so"
-                f" {follows}"
+                f"test {first.id} is not {property_lost}: driven a second time, it gave"
+                f" {difference} ({suspect}), so {consequence}"
             )
         fact: dict[str, JSONValue] = {"test": first.id, "note": self.note}
         self._store.keep(**{SECOND_DRIVE: fact})
@@ -180,6 +192,6 @@ class SecondDrive:
 
 
 def not_repeatable(facts: Mapping[str, JSONValue]) -> str:
-    """Return why a campaign's verdicts hold for single drives only; empty without a reason."""
+    """Return why a verdict holds only for the drive that it judges; empty if drives repeat."""
     second = facts.get(SECOND_DRIVE)
     return str(second.get("note", "")) if isinstance(second, Mapping) else ""

@@ -1,4 +1,4 @@
-"""A search in one process: from the start of its workers to the last line of its log."""
+"""A session: one search in this process, from the start of its workers to its end in the log."""
 
 from __future__ import annotations
 
@@ -21,37 +21,42 @@ from frenetic.errors import CampaignError, CampaignGoneError, FreneticError, rea
 from frenetic.processes.interrupt import Interrupt, catch_interrupt
 from frenetic.simulators.embedded import compile_kernels
 
-_START_POLL: Final = 0.2  # [s] between two looks whether Ctrl-C was pressed, ours
+_START_POLL_INTERVAL: Final = 0.2
+"""Time between two looks whether Ctrl-C was pressed while the workers start, in s (our choice)."""
 
 
 @dataclass
 class SearchSession:
-    """A search in one process, which ends with the budget, an interrupt or an error."""
+    """A search in this process, which ends with the budget, an interrupt or an error."""
 
     plan: SearchPlan
+    """Parts and limits of the search."""
     state: SearchState
-    """Progress, which the session takes on."""
+    """Progress of the search, which the session takes over and changes."""
     store: CampaignStore
     log: CampaignLog
     make_workers: Callable[[], Workers]
+    """Function that returns the workers, which are not started yet."""
     make_second_drive: Callable[[], SecondDrive | None]
-    """Maker of the second drive of the first failure; None for no second drive."""
+    """Function that returns the second drive of the first failure; None for no second drive."""
     on_event: EventListener | None
+    """The caller's function for events; None to send none."""
     is_consistent: bool = False
-    """Whether the strategy knows exactly the results of the state, so that a run can go on."""
+    """Whether the strategy knows exactly the results of the state, so that a run can continue."""
     interrupt: Interrupt | None = None
-    """Request to stop; None before the start and after the end."""
+    """The user's request to stop; None before the start and after the end."""
 
     def run(self) -> Summary:
         """Search until the budget is spent or the session is interrupted; store the end.
 
         Raises:
-            CampaignError: as `Dispatcher.tests` does, or the workers do not start.
+            CampaignError: the strategy or all workers broke, no road or drive could be judged, or
+                the workers do not start.
         """
         self._start = time.perf_counter() - self.state.summary.seconds
         try:
             is_interrupted = self._search()
-        except CampaignGoneError:  # the log is gone, too
+        except CampaignGoneError:  # the log is gone with the folder
             raise
         except (KeyboardInterrupt, Exception) as error:
             is_interrupted = self._is_interruption(error)
@@ -68,24 +73,25 @@ class SearchSession:
         """Time of the search so far, in s."""
         return time.perf_counter() - self._start
 
-    def _say(self, kind: EventKind, summary: Summary, test_id: int | None = None) -> None:
+    def _send(self, kind: EventKind, summary: Summary, test_id: int | None = None) -> None:
+        """Send an event to the caller; `test_id` is the id of a result."""
         if self.on_event is not None:
             read_test = None if test_id is None else partial(self.store.test, test_id)
             self.on_event(Event(kind, summary, read_test))
 
-    def _say_interrupted(self) -> None:
-        self._say("interrupted", self.state.summary.snapshot(self._seconds))
+    def _send_interrupted(self) -> None:
+        self._send("interrupted", self.state.summary.snapshot(self._seconds))
 
     def _search(self) -> bool:
-        """Start the workers and test; return whether a request to stop ended the search early."""
+        """Start the workers and search; return whether the search ended before its budget did."""
         summary = self.state.summary
-        with catch_interrupt(self._say_interrupted) as interrupt:
+        with catch_interrupt(self._send_interrupted) as interrupt:
             self.interrupt = interrupt
             with self.make_workers() as workers:
-                compile_kernels()  # which the strategy needs here, while they start
+                compile_kernels()  # the strategy needs them here; meanwhile the workers start
                 while not workers.free and not interrupt.requested:
-                    workers.wait(_START_POLL)
-                self._say("started", summary.snapshot(summary.seconds))
+                    workers.wait(_START_POLL_INTERVAL)
+                self._send("started", summary.snapshot(summary.seconds))
                 self._start = time.perf_counter() - summary.seconds
                 dispatcher = Dispatcher(
                     self.plan,
@@ -94,31 +100,33 @@ class SearchSession:
                     store=self.store,
                     log=self.log,
                     interrupt=interrupt,
-                    second=self.make_second_drive(),
+                    second_drive=self.make_second_drive(),
                 )
-                for test_id, now in dispatcher.tests():
+                for test_id, snapshot in dispatcher.tests():
                     try:
-                        self._say("result", now, test_id)
-                    except Exception:
+                        self._send("result", snapshot, test_id)
+                    except Exception:  # of the caller's function: the search itself is sound
                         self.is_consistent = True
                         raise
             limit = self.plan.limit
             is_stopped = interrupt.requested or (limit is not None and summary.simulations >= limit)
-            is_whole = summary.budget_spent >= 1.0 or (summary.ended and not self.state.outstanding)
+            has_ended = summary.ended and not self.state.outstanding
+            is_complete = summary.budget_spent >= 1.0 or has_ended
             self.is_consistent = True
-        return is_stopped and not is_whole
+        return is_stopped and not is_complete
 
     def _is_interruption(self, error: BaseException) -> bool:
         """Return whether Ctrl-C caused an error."""
-        if isinstance(error, SystemError):  # of compiled code, which returned at that moment
+        if isinstance(error, SystemError):  # compiled code raises it when Ctrl-C came meanwhile
             error = error.__cause__ or error
         if isinstance(error, KeyboardInterrupt):
             return True
-        # A compiler that the second Ctrl-C interrupts may fail in its own way.
+        # A compiler that the second Ctrl-C interrupts may raise an error of its own.
         insisted = self.interrupt is not None and self.interrupt.insisted
         return insisted and not isinstance(error, FreneticError)
 
     def _log_error(self, error: BaseException) -> None:
+        """Log the progress, and the error with which the campaign gives up."""
         self.log.progress(self.state.summary.snapshot(self._seconds))
         trace = traceback_of(error)
         cause: dict[str, Any] = {"traceback": trace} if trace else {}
@@ -129,7 +137,7 @@ class SearchSession:
         strategy, summary = self.plan.strategy, self.state.summary
         summary.notice = notice_of(strategy)
         summary.facts = facts_of(strategy, summary)
-        # What is stored counts, also when an interrupt came between storing and counting.
+        # The stored results count, even if an interrupt came between storing and counting.
         ended = "" if is_interrupted else summary.ended
         counts = self.store.counts().numbers()
         end = replace(summary, interrupted=is_interrupted, ended=ended, **counts)
@@ -143,23 +151,23 @@ class SearchSession:
             **{SEARCH_FACTS: end.facts},
         )
         self.log.progress(end)
-        last = LogEvent.INTERRUPTED if is_interrupted else LogEvent.FINISHED
+        end_event = LogEvent.INTERRUPTED if is_interrupted else LogEvent.FINISHED
         fields: dict[str, Any] = end.as_json()
-        self.log.write(last, end.as_text(), **fields)
+        self.log.write(end_event, end.as_text(), **fields)
         return end
 
 
 @contextmanager
-def saying_what_is_stored(store: CampaignStore, summary: Summary) -> Iterator[None]:
-    """Add to an error how far the campaign came."""
+def progress_in_errors(store: CampaignStore, summary: Summary) -> Iterator[None]:
+    """Add the number of stored results and the spent budget to the message of an error."""
     try:
         yield
-    except CampaignGoneError:  # it says what is stored
+    except CampaignGoneError:  # its message says what is stored
         raise
     except CampaignError as error:
-        with suppress(CampaignError):  # the disk is full, say
+        with suppress(CampaignError):  # for example because the disk is full
             store.write()
         stored = counted(store.stored(), "result")
         spent = f"{summary.budget_spent:.0%} of the budget spent"
-        # A strategy's fault stays one: a bench goes on with the others.
+        # The class stays: after a `StrategyError` a bench continues with its other strategies.
         raise type(error)(f"{error}; {stored} stored, {spent}") from error

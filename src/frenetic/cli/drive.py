@@ -355,13 +355,15 @@ def _compared(
     Nothing is compared after a drive with another driver, simulator, rules or conditions, nor for a
     road file.
     """
-    from frenetic.campaign.second_drive import other_ending, other_moobd
+    from frenetic.campaign.second_drive import moobd_difference, outcome_difference
 
     if asked.test is None or not _is_as_recorded(asked, tester):
         return {}
     path = None if drive is None else drive.trajectory
     again = replace(asked.test, result=result, pose=asked.road.pose, trajectory=path)
-    differs = other_ending(asked.test, again) or other_moobd(asked.test, again, tester.simulator)
+    differs = outcome_difference(asked.test, again) or moobd_difference(
+        asked.test, again, tester.simulator
+    )
     return {"differs": differs}
 
 
