@@ -309,16 +309,16 @@ class Campaign(NotebookRepr):
             return self._continue(self._state, limit, on_event)
         step = (options_of(self.strategy) or {}).get("step")
         folders = [earlier.folder for earlier in self.start_from]
-        self.start_from, taken, settings, self.notes = take_starts(
-            folders, self.from_roads, self.tester, self.objective, step
-        )
+        starts = take_starts(folders, self.from_roads, self.tester, self.objective, step)
+        self.start_from, self.notes = starts.campaigns, starts.notes
         code = self._code
         facts: dict[str, JSONValue] = {SOURCES: code.sources, STARTED_IN: str(code.folder)}
         signature, is_unsigned = code.signature(facts[SOURCES])
         if is_unsigned:
             self.notes = (*self.notes, unsigned_text())
+        facts |= signature | starts.facts
         with CampaignStore.create(
-            self.folder, self.configuration(), facts | signature | settings, numbered(taken)
+            self.folder, self.configuration(), facts, numbered(starts.tests)
         ) as store:
             lane_width = self.tester.terms.lane_width
             summary = Summary(seed=self.seed, folder=self.folder, lane_width=lane_width)
