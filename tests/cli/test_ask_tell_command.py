@@ -15,7 +15,7 @@ from typing import Any
 import pytest
 
 from frenetic import CampaignStore, RandomSearch
-from frenetic.campaign.ask_tell import ToldCampaign
+from frenetic.campaign.ask_tell import ClientCampaign
 from frenetic.campaign.check import check_campaign
 from frenetic.oracle.outcome import Outcome
 from frenetic.report.html import write_report
@@ -273,7 +273,7 @@ def test_a_strategy_may_wait_for_a_result(tmp_path: Path) -> None:
             yield json.dumps({"tell": {"id": number, "outcome": "PASS", "moobd": 1.0}})
             yield json.dumps({"ask": {}})
 
-    campaign = ToldCampaign(
+    campaign = ClientCampaign(
         requests(),
         answers.append,
         strategy=OneByOne(),

@@ -42,7 +42,7 @@ def ask_tell(
     like any other. The page on ask-tell has all requests.
     """
     from frenetic.campaign import CampaignStore, new_folder
-    from frenetic.campaign.ask_tell import ToldCampaign
+    from frenetic.campaign.ask_tell import ClientCampaign
     from frenetic.campaign.database import DATABASE
 
     spec = CommandOptions.of(context).over(Spec())
@@ -61,7 +61,7 @@ def ask_tell(
 
     with redirect_stdout(sys.stderr):  # a strategy's prints, say
         with as_usage_error():
-            campaign = ToldCampaign(
+            campaign = ClientCampaign(
                 _lines(),
                 answer,
                 name=name,
