@@ -20,7 +20,7 @@ WORKER: Final = "client"
 
 
 class Records(Struct, forbid_unknown_fields=True):
-    """A drive as lists of equal length with one value per record; a missing list counts as zeros."""
+    """A drive as lists of equal length with one value per record; a missing list means zeros."""
 
     time: list[NotNegative]
     """Simulated time since the start, in s."""
@@ -31,7 +31,7 @@ class Records(Struct, forbid_unknown_fields=True):
     speed: list[Finite]
     """Speed, in m/s."""
     heading: list[Finite] = []
-    """Heading in rad, counter-clockwise from +x; by default the direction in which the car moves."""
+    """Heading in rad, counter-clockwise from +x; by default the direction of motion."""
     steering: list[Finite] = []
     """Angle of the front wheels in rad, positive to the left."""
     throttle: list[Finite] = []

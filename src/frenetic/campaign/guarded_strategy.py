@@ -19,7 +19,7 @@ from frenetic._support.outside_text import read_json
 from frenetic.campaign.record import Attempt
 from frenetic.campaign.summary import Summary
 from frenetic.errors import CampaignError, StrategyError, describe_raised
-from frenetic.processes.children import one_process
+from frenetic.processes.forks import one_process
 from frenetic.search.records import Candidate, Evaluation, Origin
 from frenetic.search.strategy import Ledger, SearchEnded, Strategy, has_own
 from frenetic.spec.part_record import is_built_in

@@ -29,7 +29,7 @@ from frenetic.campaign.workers.workers import Workers
 from frenetic.errors import BrokenDriverError, CampaignError, StrategyError, Trouble
 from frenetic.oracle.outcome import Outcome
 from frenetic.oracle.verdict import is_drivers
-from frenetic.processes.children import one_process
+from frenetic.processes.forks import one_process
 from frenetic.processes.interrupt import Interrupt
 from frenetic.search.random_search import most_frequent
 from frenetic.search.records import Candidate

@@ -25,7 +25,7 @@ from frenetic.oracle.drive import Drive, Rules, Trajectory
 from frenetic.oracle.outcome import Outcome
 from frenetic.oracle.verdict import judge
 from frenetic.parts.registry import SIMULATORS, Construction
-from frenetic.processes.children import one_process
+from frenetic.processes.forks import one_process
 from frenetic.road import Pose, Road, Verdict, check_validity
 from frenetic.search.records import Candidate
 from frenetic.simulators.blame import raised

@@ -1,4 +1,4 @@
-"""Ctrl-C during a campaign: once to stop after the running tests, twice to stop at once."""
+"""Ctrl-C during a campaign: the first stops it after the running tests, the second at once."""
 
 from __future__ import annotations
 
@@ -13,15 +13,15 @@ _Handler: TypeAlias = Callable[[int, FrameType | None], object] | signal.Handler
 
 ENDING: Final = tuple(
     signal.Signals[name]
-    for name in ("SIGTERM", "SIGHUP", "SIGBREAK")  # the second on POSIX, the third on Windows only
+    for name in ("SIGTERM", "SIGHUP", "SIGBREAK")  # SIGHUP is POSIX's, SIGBREAK is Windows'
     if name in signal.Signals.__members__
 )
-"""Signals that end a process, beside Ctrl-C's."""
+"""Signals that end a process, without SIGINT, the signal of Ctrl-C."""
 
 
 @contextmanager
 def plain_interrupts() -> Iterator[None]:
-    """Raise a Ctrl-C that compiled code has turned into a `SystemError` as `KeyboardInterrupt`."""
+    """Raise `KeyboardInterrupt` where compiled code has turned a Ctrl-C into a `SystemError`."""
     try:
         yield
     except SystemError as error:
@@ -34,20 +34,21 @@ class Interrupt:
     """A user's request to stop."""
 
     requested = False
+    """Whether Ctrl-C was pressed, or a stop was requested otherwise."""
     insisted = False
-    """Whether they asked again, so that a `KeyboardInterrupt` was raised."""
+    """Whether Ctrl-C was pressed again, so that a `KeyboardInterrupt` was raised."""
 
 
 @contextmanager
 def catch_interrupt(on_request: Callable[[], None] | None = None) -> Iterator[Interrupt]:
     """Turn the first Ctrl-C into a request; the second raises `KeyboardInterrupt` as usual.
 
-    So compiled code and databases are never interrupted halfway. The signals in `ENDING` work alike
-    if they raise `KeyboardInterrupt`, as they do on the command line. Outside the main thread,
-    which alone receives signals, nothing changes.
+    So the first interrupts neither compiled code nor a write to a database. The signals in `ENDING`
+    work in the same way if they raise `KeyboardInterrupt`, as they do on the command line. In
+    another thread than the main thread, which alone receives signals, nothing changes.
 
     Args:
-        on_request: called at the first Ctrl-C.
+        on_request: function that is called at the first Ctrl-C.
     """
     interrupt = Interrupt()
 
@@ -64,25 +65,26 @@ def catch_interrupt(on_request: Callable[[], None] | None = None) -> Iterator[In
 
 
 def ending_in_order() -> AbstractContextManager[None]:
-    """Make the signals of a job scheduler or a closed terminal act like Ctrl-C.
+    """Let the signals of a job scheduler or a closed terminal act like Ctrl-C in the block.
 
-    So results are stored and simulators ended. Ignored signals, as under nohup, stay ignored.
+    So results are stored and simulators are ended. Signals that are ignored, as under nohup, stay
+    ignored.
     """
     return _handled(ENDING, signal.SIG_DFL, signal.default_int_handler)
 
 
 @contextmanager
 def _handled(
-    numbers: Iterable[signal.Signals], before: _Handler, handler: _Handler
+    signals: Iterable[signal.Signals], default: _Handler, handler: _Handler
 ) -> Iterator[None]:
-    """Set the handler of signals that still have the handler `before`; leave others alone."""
-    taken = []
+    """Set the handler of signals in the block, unless a signal has another handler than `default`."""
+    replaced = []
     if threading.current_thread() is threading.main_thread():
-        taken = [number for number in numbers if signal.getsignal(number) is before]
-    for number in taken:
+        replaced = [number for number in signals if signal.getsignal(number) is default]
+    for number in replaced:
         signal.signal(number, handler)
     try:
         yield
     finally:
-        for number in taken:
-            signal.signal(number, before)
+        for number in replaced:
+            signal.signal(number, default)

@@ -12,7 +12,7 @@ from contextlib import contextmanager, suppress
 from functools import partial
 from typing import Final
 
-from frenetic.processes.children import kill_tree
+from frenetic.processes.groups import kill_tree
 
 LOOPBACK: Final = "127.0.0.1"
 """Address of this machine."""
