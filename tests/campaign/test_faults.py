@@ -31,7 +31,7 @@ from small_disk import Bounded, Breaking
 from frenetic.campaign import Budget, CampaignStore
 from frenetic.campaign.check import check_campaign
 from frenetic.campaign.database import DATABASE
-from frenetic.campaign.workers.local import AHEAD
+from frenetic.campaign.workers.local import MAX_QUEUED
 from frenetic.cli import main
 from frenetic.errors import CampaignGoneError
 
@@ -243,7 +243,7 @@ def test_ctrl_c_lets_running_tests_finish(tmp_path: Path, marks: Marks) -> None:
         running.require_end()
     # Five, the two that waited, and the candidates that quick workers had in advance.
     results = stored(running.folder)
-    assert 7 <= results <= 5 + 2 * AHEAD
+    assert 7 <= results <= 5 + 2 * MAX_QUEUED
     assert f"Interrupted: {results} simulations" in running.out.read_text()
     assert events(running.folder)[-1]["event"] == "interrupted"
     assert len(marks.numbers("end")) == 2  # both simulators were closed

@@ -497,7 +497,7 @@ from frenetic import Budget, Campaign, RandomSearch
 from frenetic.campaign.workers import local as processes
 from frenetic.errors import CampaignError
 from frenetic.testing import DummyDriver, DummySimulator
-processes.STARTS = 1
+processes.MAX_STARTS = 1
 try:
     Campaign(
         strategy=RandomSearch(seed=1), simulator=DummySimulator(), driver=DummyDriver(),

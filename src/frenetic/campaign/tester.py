@@ -26,7 +26,7 @@ from frenetic.oracle.outcome import Outcome
 from frenetic.oracle.verdict import judge
 from frenetic.parts.registry import SIMULATORS, Construction
 from frenetic.processes.forks import one_process
-from frenetic.road import Pose, Road, Verdict, check_validity
+from frenetic.road import Road, Verdict, check_validity
 from frenetic.search.records import Candidate
 from frenetic.simulators.blame import raised
 from frenetic.simulators.capabilities import capabilities, check_pair, check_road
@@ -41,10 +41,11 @@ logger = logging.getLogger(__name__)
 
 @dataclass(frozen=True)
 class RoadTester:
-    """A tester of roads, one after the other, on the same terms.
+    """A tester of roads: driver and simulator with the terms on which they drive.
 
-    Its copy for another process makes named parts anew; other parts are copied, and so is an
-    installed simulator with ``prepare``, which keeps its findings.
+    When a tester is pickled for another process, parts with names are made anew there by their
+    names. Other parts are copied, and so is an installed simulator with ``prepare``, which keeps
+    what it has measured.
 
     Raises:
         DriverError: the driver cannot drive in the simulator.
@@ -58,20 +59,21 @@ class RoadTester:
     spec: Spec | None = None
     """Spec that names driver and simulator; None for objects from Python."""
     folder: Path | None = None
-    """Folder in which named parts were made, to which names and files are relative; by default the
-    current folder."""
+    """Folder in which parts with names were made, and to which names of files are relative; by
+    default the current folder."""
 
     @classmethod
     def of(cls, spec: Spec, terms: Terms | None = None, rules: Rules | None = None) -> RoadTester:
         """Return the tester with the driver and the simulator of a spec.
 
         Args:
-            spec: names both.
+            spec: spec that names driver and simulator.
             terms: terms of the drives; by default the terms of the spec.
             rules: rules of the drives; by default the rules of the spec.
 
         Raises:
-            FreneticError: a part cannot be made, or the simulator not put into the conditions.
+            FreneticError: a part cannot be made, or the simulator cannot be put into the
+                conditions.
             ValueError: the terms are out of range.
         """
         driver, simulator = spec.make_driver(), spec.make_simulator(rules)
@@ -85,11 +87,12 @@ class RoadTester:
     def __reduce__(self) -> tuple[Any, ...]:
         if self.spec is None:
             return RoadTester, (self.simulator, self.driver, self.terms)
-        is_own = SIMULATORS.is_own(self.spec.part("simulator").name)
-        # An installed simulator keeps its findings, for finding them out takes long.
-        simulator = None if is_own or not hasattr(self.simulator, "prepare") else self.simulator
+        is_users = SIMULATORS.is_own(self.spec.part("simulator").name)
+        # What `prepare` has measured takes long, so an installed simulator is copied with it.
+        is_copied = not is_users and hasattr(self.simulator, "prepare")
+        simulator = self.simulator if is_copied else None
         rules = self.simulator.rules
-        return _tester_anew, (self.spec, self.terms, rules, self.folder, simulator)
+        return _remake_tester, (self.spec, self.terms, rules, self.folder, simulator)
 
     @property
     def setting(self) -> DriveSetting:
@@ -101,7 +104,7 @@ class RoadTester:
 
     @property
     def drives_compiled(self) -> bool:
-        """Whether its drives are compiled code of ours alone, which needs no process of its own."""
+        """Whether only compiled code of ours drives, which needs no process of its own."""
         driver = under(self.terms.conditions, self.driver)
         return capabilities(self.simulator).drives_compiled(driver)
 
@@ -114,7 +117,7 @@ class RoadTester:
 
     @property
     def sources(self) -> dict[str, str]:
-        """A user's sources of driver and simulator: name of a file -> its text."""
+        """Sources of driver and simulator, as far as they are the user's: file name -> text."""
         with self.in_folder():
             driver = sources_of(self.driver, self._construction("driver"))
             return driver | sources_of(self.simulator, self._construction("simulator"))
@@ -126,10 +129,10 @@ class RoadTester:
     def _construction(self, kind: str) -> Construction | None:
         return None if self.spec is None else self.spec.construction(kind)
 
-    def laid(self, candidate: Candidate) -> tuple[Road | None, Verdict]:
-        """Return a candidate's road as it would be driven, and whether it may be, see `fitted`.
+    def fit_road(self, candidate: Candidate) -> tuple[Road | None, Verdict]:
+        """Return a candidate's road as it would be driven, and whether it is valid, see `fitted`.
 
-        A road that the simulator cannot lay is invalid, too.
+        A road that the simulator cannot build is invalid, too.
         """
         road, verdict = fitted(candidate, self.terms)
         if road is not None and verdict.valid:
@@ -140,53 +143,62 @@ class RoadTester:
         return road, verdict
 
     def test(self, candidate: Candidate) -> Attempt:
-        """Drive a candidate's road, in its conditions, if it fits the map and is valid.
+        """Drive a candidate's road in the candidate's conditions, and judge the drive.
 
-        A road that the simulator cannot lay is INVALID, too.
+        A road that does not fit the map, is not valid, or cannot be built by the simulator is
+        INVALID, and nothing is driven.
         """
-        road, verdict = self.laid(candidate)
+        road, verdict = self.fit_road(candidate)
         if road is None or not verdict.valid:
-            return _refused(candidate.id, verdict.message, road.pose if road else None)
+            pose = road.pose if road else None
+            return Attempt.undriven(candidate.id, Outcome.INVALID, verdict.message, pose)
         conditions = self.terms.conditions_of(candidate.conditions)
         if not conditions:
-            return self._driven(candidate.id, road, self.driver)
+            return self._drive_and_judge(candidate.id, road, self.driver)
         check_conditions(candidate.conditions)
         with in_conditions(conditions, self.simulator, self.driver) as driver:
             check_pair(self.simulator, driver)
-            return self._driven(candidate.id, road, driver)
+            return self._drive_and_judge(candidate.id, road, driver)
 
     def attempt(
         self, candidate: Candidate, worker: str | None = None, *, keep_exact: bool = False
     ) -> Attempt:
-        """Test a candidate for a worker: timed, with a packed trajectory (see `Attempt.pack`)."""
+        """Test a candidate; return the attempt with its time and a packed trajectory.
+
+        Args:
+            candidate: the candidate.
+            worker: name of the worker; None if the caller adds it.
+            keep_exact: whether the attempt has the exact trajectory, too.
+        """
         start = time.perf_counter()
         attempt = self.test(candidate).pack(keep_exact=keep_exact)
         return replace(attempt, worker=worker, seconds=time.perf_counter() - start)
 
     def drive(self, road: Road, conditions: Mapping[str, float] = MappingProxyType({})) -> Drive:
-        """Drive a road in conditions; a simulator that raises gives a drive with trouble."""
+        """Drive a road in conditions; if the simulator raises, the drive has a trouble."""
         conditions = self.terms.conditions_of(conditions)
         with in_conditions(conditions, self.simulator, self.driver) as driver:
             return self._drive(road, driver)[0]
 
-    def _driven(self, candidate_id: int, road: Road, driver: Driver) -> Attempt:
-        drive, broke = self._drive(road, driver)
-        # A broken simulator's record may be impossible to store.
-        whole = len(drive.trajectory) > 0 and bool(np.isfinite(drive.trajectory.to_rows()).all())
-        trajectory = drive.trajectory if whole else None
+    def _drive_and_judge(self, candidate_id: int, road: Road, driver: Driver) -> Attempt:
+        """Drive a road and return the attempt with the verdict."""
+        drive, simulator_broke = self._drive(road, driver)
+        path = drive.trajectory
+        # A broken simulator's trajectory may hold numbers that cannot be stored.
+        is_storable = len(path) > 0 and bool(np.isfinite(path.to_rows()).all())
         return Attempt(
             candidate_id,
             judge(road, drive),
             road.pose,
-            trajectory,
-            simulator_broke=broke,
+            path if is_storable else None,
+            simulator_broke=simulator_broke,
             trouble=drive.trouble,
             driver_seconds=drive.driver_seconds,
         )
 
     def _drive(self, road: Road, driver: Driver) -> tuple[Drive, bool]:
         """Return the drive, and whether the simulator raised."""
-        broke = False
+        simulator_broke = False
         try:
             with one_process():
                 drive = self.simulator.drive(road, driver)
@@ -195,35 +207,31 @@ class RoadTester:
                     f"its drive gave {type(drive).__name__}: a frenetic.Drive is needed"
                 )
         except Exception as error:
-            broke, drive = True, self._broken(raised(error, driver))
+            simulator_broke, drive = True, self._empty_drive(raised(error, driver))
         if (trouble := drive.trouble) is not None and trouble.traceback:
             logger.debug("%s\n%s", trouble.reason, trouble.traceback)
-        return drive, broke
+        return drive, simulator_broke
 
-    def _broken(self, trouble: Trouble) -> Drive:
+    def _empty_drive(self, trouble: Trouble) -> Drive:
+        """Return the drive without a record that ended by a trouble."""
         simulator = self.simulator
         return Drive(Trajectory.empty(), simulator.car, simulator.rules, trouble=trouble)
 
 
-def _tester_anew(
+def _remake_tester(
     spec: Spec, terms: Terms, rules: Rules, folder: Path, simulator: Simulator | None
 ) -> RoadTester:
-    """Return the tester of named parts, in a process whose folder another part may have left."""
-    os.chdir(folder)
+    """Return the tester of parts with names, made in another process; None makes the simulator."""
+    os.chdir(folder)  # a driver in this process may have changed to another folder
     if simulator is None:
         return RoadTester.of(spec, terms, rules)
     return RoadTester(simulator, spec.make_driver(), terms, spec, folder)
 
 
-def _refused(candidate_id: int, reason: str, pose: Pose | None = None) -> Attempt:
-    return Attempt.undriven(candidate_id, Outcome.INVALID, reason, pose)
-
-
 def fitted(candidate: Candidate, terms: Terms) -> tuple[Road | None, Verdict]:
     """Return a candidate's road on the map, and whether it is valid there.
 
-    Returns:
-        (None, invalid) if the values give no road, no pose fits, or points are not valid.
+    The road is None if the values describe no road, the road fits nowhere, or points are invalid.
     """
     points = candidate.points
     try:
@@ -237,7 +245,9 @@ def fitted(candidate: Candidate, terms: Terms) -> tuple[Road | None, Verdict]:
 
 
 def road_through(points: FloatArray, lane_width: float) -> Road:
-    """Return the road through (N, 2) points in m, cached for a candidate that is tested later.
+    """Return the road through (N, 2) points in m; the last roads are cached.
+
+    A search checks a candidate's road before it is tested, so each road is needed twice.
 
     Raises:
         RoadError: no road leads through the points.
@@ -245,6 +255,6 @@ def road_through(points: FloatArray, lane_width: float) -> Road:
     return _road_through(points.tobytes(), lane_width)
 
 
-@lru_cache(maxsize=4)
+@lru_cache(maxsize=4)  # roads (our choice)
 def _road_through(points: bytes, lane_width: float) -> Road:
     return Road.from_points(np.frombuffer(points).reshape(-1, 2), lane_width=lane_width)

@@ -77,7 +77,7 @@ def ending_in_order() -> AbstractContextManager[None]:
 def _handled(
     signals: Iterable[signal.Signals], default: _Handler, handler: _Handler
 ) -> Iterator[None]:
-    """Set the handler of signals in the block, unless a signal has another handler than `default`."""
+    """Set the handler of signals in the block, except of signals whose handler is not `default`."""
     replaced = []
     if threading.current_thread() is threading.main_thread():
         replaced = [number for number in signals if signal.getsignal(number) is default]

@@ -261,7 +261,7 @@ class Draws(Strategy):
             if conditions is None:
                 conditions = self._rng.standard_normal(self._domain.dimension)
             candidate = self._candidate(conditions)
-            road, verdict = self._tester.laid(candidate)
+            road, verdict = self._tester.fit_road(candidate)
             if road is not None and verdict.valid:
                 return _Draw(self._drawn, conditions, candidate)
         raise ValueError(

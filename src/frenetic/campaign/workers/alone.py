@@ -19,7 +19,7 @@ from frenetic.simulators.capabilities import capabilities
 from frenetic.simulators.embedded import compile_kernels
 
 Driving: TypeAlias = Callable[[Road, Mapping[str, float]], Drive]
-"""Drives a road in some conditions."""
+"""Function that drives a road in conditions."""
 
 
 @contextmanager
@@ -27,11 +27,11 @@ def driving(tester: RoadTester, *, isolate: bool = False) -> Iterator[Driving]:
     """Start a tester's simulator, and yield the function that drives a road in it.
 
     Args:
-        tester: drives.
-        isolate: whether to drive in a process of its own, unless only compiled code of ours drives.
+        tester: tester whose driver and simulator drive.
+        isolate: whether to drive in another process, unless only compiled code of ours drives.
 
     Raises:
-        CampaignError: the simulator does not start in its process.
+        CampaignError: the simulator does not start in the other process.
     """
     if isolate and is_isolable(tester):
         with DriveProcess(tester) as process:
@@ -44,13 +44,13 @@ def driving(tester: RoadTester, *, isolate: bool = False) -> Iterator[Driving]:
 class DriveProcess:
     """A process that drives roads, one after the other.
 
-    A driver that ends the process, hangs, closes its files or moves to another folder harms nothing
-    else: its drive has a trouble, and the next drive has a new process.
+    A driver that ends the process, hangs, closes files or changes the folder does no other harm:
+    its drive has a trouble, and the next drive has a new process.
 
     Args:
-        tester: drives there; its parts are made anew by their names, or copied.
+        tester: tester that drives in the process; its parts are made by their names, or copied.
         drive_limit: wall time in s after which a drive counts as hanging; by default 1.5 times the
-            simulator's ``wall_limit`` and 10 s.
+            simulator's ``wall_limit``, plus 10 s.
 
     Raises:
         CampaignError: driver or simulator cannot be copied.
@@ -64,7 +64,7 @@ class DriveProcess:
         self._process = ObjectProcess(
             "the driver's process", pack(_DriveHost(tester)), able.preloads
         )
-        self._is_up = False
+        self._is_started = False
 
     def __enter__(self) -> Self:
         """Start the process and the simulator in it.
@@ -74,7 +74,7 @@ class DriveProcess:
         """
         try:
             self._process.start(CarBody)
-            compile_kernels()  # meanwhile: roads are checked here
+            compile_kernels()  # this process needs them to check roads; meanwhile the other starts
             car: CarBody = self._process.answer()
         except LostProcessError as error:
             self._process.kill()
@@ -82,9 +82,9 @@ class DriveProcess:
         except BaseException:
             self._process.kill()
             raise
-        if self._tester.simulator.car != car:  # as a simulator with `prepare` has measured it
+        if self._tester.simulator.car != car:  # a simulator measures its car when it starts
             self._tester.simulator.car = car
-        self._is_up = True
+        self._is_started = True
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -93,19 +93,19 @@ class DriveProcess:
         Raises:
             CampaignError: the simulator raised when it ended.
         """
-        self._is_up = False
+        self._is_started = False
         try:
             self._process.close()
         except LostProcessError as error:
             raise CampaignError(lost_process(error).reason) from None
 
     def drive(self, road: Road, conditions: Mapping[str, float] = MappingProxyType({})) -> Drive:
-        """Drive a road in conditions; errors are the drive's trouble.
+        """Drive a road in conditions; an error ends the drive, which then has a trouble.
 
         Raises:
-            CampaignError: the process was lost, and does not start again.
+            CampaignError: the process was lost, and another does not start.
         """
-        if not self._is_up:
+        if not self._is_started:
             self.__enter__()
         try:
             drive: _RoadlessDrive = self._process.call(
@@ -113,7 +113,7 @@ class DriveProcess:
             )
         except LostProcessError as error:
             self._process.kill()
-            self._is_up = False
+            self._is_started = False
             trouble = lost_process(error, self._blame.fault(error))
             drive = _RoadlessDrive(
                 self._tester.simulator.car, self._tester.simulator.rules, trouble
@@ -145,7 +145,7 @@ class _RoadlessDrive:
 
 
 class _DriveHost:
-    """The object in the process: a tester that drives."""
+    """The object in the other process: a tester that drives."""
 
     def __init__(self, tester: RoadTester) -> None:
         self._tester = tester
@@ -158,7 +158,7 @@ class _DriveHost:
         simulator = self._tester.simulator
         try:
             drive = self._tester.drive(road, conditions)
-        except BaseException as error:  # a SystemExit, say
+        except BaseException as error:  # including SystemExit
             return _RoadlessDrive(
                 simulator.car, simulator.rules, raised(error, self._tester.driver)
             )

@@ -1,4 +1,4 @@
-"""Workers on this machine."""
+"""Workers in processes on this machine, and the choice of a campaign's workers."""
 
 from __future__ import annotations
 
@@ -26,40 +26,41 @@ from frenetic.search.records import Candidate
 from frenetic.simulators.blame import Blame, lost_process
 from frenetic.simulators.capabilities import capabilities
 
-STARTS: Final = 3
-"""Consecutive failed starts after which a worker is given up (ours)."""
-AHEAD: Final = 4
-"""Most candidates of a worker with quick tests, with the candidate that it drives (ours): waking an
-idle worker costs more than a fresher proposal gains."""
-QUICK: Final = 0.01
-"""Longest time of a quick test, in s (ours); a worker with slower tests has one candidate at a
-time."""
-_PAUSE: Final = 0.2  # [s] between two tries to get a process, ours
+MAX_STARTS: Final = 3
+"""Number of consecutive failed starts after which a worker is given up (our choice)."""
+MAX_QUEUED: Final = 4
+"""Most candidates that a worker with quick tests has, including the one that it drives (our
+choice): a worker that waits for a candidate costs more than a fresher proposal gains."""
+QUICK_TEST_TIME: Final = 0.01
+"""Longest time of a quick test, in s (our choice); a worker with slower tests has one candidate at
+a time."""
+_START_PAUSE: Final = 0.2
+"""Time between two attempts to start a process, in s (our choice)."""
 
 logger = logging.getLogger(__name__)
 
 
 class TesterHost:
-    """The object in a worker's process: a tester whose simulator starts again after it broke.
+    """The object in a worker's process: a tester whose simulator is restarted after it broke.
 
     Args:
-        tester: its simulator is not started yet.
+        tester: tester whose simulator is not started yet.
         keep_exact: whether attempts have exact trajectories, too, not only packed ones.
     """
 
     def __init__(self, tester: RoadTester, *, keep_exact: bool = False) -> None:
         self._tester = tester
         self._keep_exact = keep_exact
-        self._is_up = False
+        self._is_started = False
 
     def start(self) -> None:
         """Start the simulator."""
         self._tester.simulator.__enter__()
-        self._is_up = True
+        self._is_started = True
 
     def test(self, candidate: Candidate) -> Attempt:
         """Test a candidate."""
-        if not self._is_up:
+        if not self._is_started:
             self.start()
         attempt = self._tester.attempt(candidate, keep_exact=self._keep_exact)
         if attempt.simulator_broke:
@@ -68,15 +69,16 @@ class TesterHost:
 
     def close(self) -> None:
         """End the simulator."""
-        if self._is_up:
-            self._is_up = False
+        if self._is_started:
+            self._is_started = False
             self._tester.simulator.__exit__(None, None, None)
 
 
 def is_isolable(tester: RoadTester) -> bool:
-    """Return whether a process of its own protects this process from a tester's driver.
+    """Return whether a tester should drive in another process, which protects this process.
 
-    Compiled code of ours needs no such process. Where a driver cannot be copied, a warning says so.
+    Compiled code of ours needs no other process. A driver that cannot be copied must drive here;
+    then a warning is logged.
     """
     if tester.drives_compiled:
         return False
@@ -89,34 +91,35 @@ def is_isolable(tester: RoadTester) -> bool:
 
 
 def lost_attempt(
-    number: int, worker: str, error: LostProcessError, fault: Fault | None, seconds: float
+    candidate_id: int, worker: str, error: LostProcessError, fault: Fault | None, seconds: float
 ) -> Attempt:
     """Return the attempt at a candidate whose worker was lost.
 
     Args:
-        number: id of the candidate.
+        candidate_id: id of the candidate.
         worker: name of the worker.
-        error: how it was lost.
-        fault: fault of the driver, if the driver lost the worker.
-        seconds: wall time until the loss, in s.
+        error: error about the loss.
+        fault: fault of the driver, if it caused the loss; None if the cause is unknown.
+        seconds: wall time of the attempt until the loss, in s.
     """
     trouble = lost_process(error, fault)
     if fault is None:
         trouble = Trouble(f"{worker} was lost: {error}", error.trouble.traceback)
-    return Attempt.lost(number, worker, seconds, trouble)
+    return Attempt.lost(candidate_id, worker, seconds, trouble)
 
 
 class LocalWorkers:
-    """Processes on this machine, each with a simulator and a driver of its own.
+    """Processes on this machine, each with its own simulator and driver.
 
-    A worker is replaced if it dies, if a drive exceeds the limit, or if its simulator broke.
+    A process is replaced if it dies, if a drive exceeds the limit, or if its simulator broke.
 
     Args:
-        tester: copied into each process, so driver and simulator must be picklable.
+        tester: tester of the candidates, which is copied into each process, so driver and simulator
+            must be picklable.
         count: number of processes.
         drive_limit: wall time in s after which a worker that tests one candidate counts as hanging
             and is killed.
-        log: gets the events of the workers.
+        log: log to which the events of the workers are written.
         ahead: whether a worker with quick tests may have several candidates at once.
         keep_exact: whether attempts have exact trajectories, too, not only packed ones.
 
@@ -150,8 +153,9 @@ class LocalWorkers:
         ]
         self._drive_limit = drive_limit
         self._log = log
-        self._ahead = AHEAD if ahead else 1
-        self._backlog: deque[Candidate] = deque()  # of workers that were lost before they began
+        self._most_queued = MAX_QUEUED if ahead else 1
+        # Candidates of lost workers that had not begun them; any worker takes them.
+        self._backlog: deque[Candidate] = deque()
 
     @property
     def free(self) -> int:
@@ -159,10 +163,10 @@ class LocalWorkers:
         return max(0, sum(map(self._room, self._seats)) - len(self._backlog))
 
     def _room(self, seat: _Seat) -> int:
-        """Return how many more candidates a worker can take."""
+        """Return the number of further candidates that a worker can take."""
         if not seat.is_ready:
             return 0
-        capacity = self._ahead if seat.pace <= QUICK else 1
+        capacity = self._most_queued if seat.last_test_time <= QUICK_TEST_TIME else 1
         return max(0, capacity - len(seat.candidates))
 
     def submit(self, candidate: Candidate) -> None:
@@ -173,7 +177,7 @@ class LocalWorkers:
         seat.worker.send("test", candidate, limit=self._drive_limit, answer=Attempt)
 
     def wait(self, timeout: float) -> Sequence[Attempt]:
-        """Wait for a message, for at most `timeout` s; return the finished attempts.
+        """Wait for attempts for at most `timeout` s; return those that have ended.
 
         Raises:
             CampaignError: no worker is left and no other can be started.
@@ -184,35 +188,38 @@ class LocalWorkers:
         if not remaining:
             reasons = "; ".join(sorted({seat.loss for seat in self._seats}))
             raise CampaignError(f"no worker could be started: {reasons}")
-        heard = ready([seat.worker for seat in remaining], timeout)
+        ready_workers = ready([seat.worker for seat in remaining], timeout)
         attempts: list[Attempt] = []
         for seat in remaining:
-            if seat.worker not in heard:
+            if seat.worker not in ready_workers:
                 continue
             try:
-                for attempt in filter(None, seat.worker.receive()):
-                    attempts.append(self._answered(seat, attempt))
-                    if attempt.simulator_broke:  # so may have its process, in which others wait
+                for attempt in filter(None, seat.worker.receive()):  # the answer to a start is None
+                    attempts.append(self._note_attempt(seat, attempt))
+                    if attempt.simulator_broke:
+                        # Its process may be broken, too: other workers take what waits there.
                         self._replace(seat)
                         break
             except LostProcessError as error:
-                attempts += self._lost(seat, error)
+                attempts += self._note_lost_worker(seat, error)
             else:
                 if not seat.is_ready and not len(seat.worker):
-                    self._ready(seat)
+                    self._note_start(seat)
         return attempts
 
-    def _ready(self, seat: _Seat) -> None:
+    def _note_start(self, seat: _Seat) -> None:
+        """Note and log that the simulator of a worker has started."""
         seat.is_ready = seat.has_started = True
         seat.failed_starts = 0
         name = seat.worker.name
         self._log.write(LogEvent.WORKER_STARTED, f"{name} started", worker=name)
 
-    def _answered(self, seat: _Seat, attempt: Attempt) -> Attempt:
+    def _note_attempt(self, seat: _Seat, attempt: Attempt) -> Attempt:
+        """Note that a worker has ended an attempt; return it with the worker's name."""
         if (trouble := attempt.trouble) is not None and trouble.traceback:
             logger.debug("%s: %s\n%s", seat.worker.name, trouble.reason, trouble.traceback)
         seat.candidates.popleft()
-        seat.pace = attempt.seconds
+        seat.last_test_time = attempt.seconds
         return replace(attempt, worker=seat.worker.name)
 
     def __enter__(self) -> Self:
@@ -220,50 +227,50 @@ class LocalWorkers:
         try:
             for seat in self._seats:
                 self._start(seat)
-        except BaseException as error:  # Ctrl-C
+        except BaseException as error:  # including Ctrl-C
             self.__exit__(type(error), error, None)
             raise
         return self
 
     def __exit__(self, _: object, error: BaseException | None, *__: object) -> None:
-        """End all workers: at once during an error, else when they are done."""
+        """End all workers: at once during an error, otherwise when they have finished."""
         try:
             for seat in self._seats:
                 if error is None and seat.is_ready:
                     seat.worker.close()
-        except LostProcessError as loss:  # what was driven stands
+        except LostProcessError as loss:  # the drives remain valid
             logger.warning("a simulator did not end well: %s", loss)
-        finally:  # also if Ctrl-C is pressed meanwhile
+        finally:  # also after a Ctrl-C
             for seat in self._seats:
                 seat.worker.kill()
 
     def _start(self, seat: _Seat) -> None:
         """Start a worker without waiting, unless its starts have failed too often."""
         seat.is_ready, seat.is_lost = False, True
-        while seat.failed_starts < STARTS:
+        while seat.failed_starts < MAX_STARTS:
             try:
                 seat.worker.start()
             except (OSError, EOFError) as error:  # too many processes, or their server was killed
                 seat.failed_starts += 1
                 self._note_loss(seat, f"there was no process for it ({describe_error(error)})")
-                time.sleep(_PAUSE)
+                time.sleep(_START_PAUSE)
             else:
                 seat.is_lost = False
                 return
 
-    def _lost(self, seat: _Seat, error: LostProcessError) -> list[Attempt]:
-        """Replace a worker; return the lost attempt."""
+    def _note_lost_worker(self, seat: _Seat, error: LostProcessError) -> list[Attempt]:
+        """Replace a lost worker; return the attempt that was lost with it, if any."""
         if trace := error.trouble.traceback:
             logger.debug("%s: %s\n%s", seat.worker.name, error, trace)
             if not seat.has_started:
-                seat.failed_starts = STARTS  # another start would fail alike
+                seat.failed_starts = MAX_STARTS  # another start would raise the same error
         attempts = []
         if seat.is_ready and seat.candidates:
-            lost = seat.candidates.popleft().id
-            self._note_loss(seat, str(error), test=lost)
+            candidate_id = seat.candidates.popleft().id
+            self._note_loss(seat, str(error), test=candidate_id)
             seconds = time.monotonic() - seat.worker.since
             fault = self._blame.fault(error)
-            attempts.append(lost_attempt(lost, seat.worker.name, error, fault, seconds))
+            attempts.append(lost_attempt(candidate_id, seat.worker.name, error, fault, seconds))
         else:
             self._note_loss(seat, str(error))
             seat.failed_starts += 1
@@ -271,7 +278,7 @@ class LocalWorkers:
         return attempts
 
     def _replace(self, seat: _Seat) -> None:
-        """Start another process for a worker; candidates that waited there wait for any worker."""
+        """Start another process for a worker; any worker may take the candidates that it had."""
         seat.worker.kill()
         self._backlog.extend(seat.candidates)
         seat.candidates.clear()
@@ -298,11 +305,11 @@ def workers_for(
     """Return the workers of a campaign, which are not started yet.
 
     Args:
-        tester: tests the candidates.
+        tester: tester of the candidates.
         workers: number of workers, or the address of a cluster's scheduler.
-        isolate: whether a single worker, too, drives in a process of its own, see `is_isolable`.
-        drive_limit: as for `LocalWorkers`, as are `log`, `ahead` and `keep_exact`.
-        log: of the campaign.
+        isolate: whether a single worker, too, drives in another process, see `is_isolable`.
+        drive_limit: wall time in s after which a worker that tests one candidate counts as hanging.
+        log: log of the campaign.
         ahead: whether a worker with quick tests may have several candidates at once.
         keep_exact: whether attempts have exact trajectories, too, not only packed ones.
 
@@ -320,21 +327,21 @@ def workers_for(
 
 
 class _Seat:
-    """A worker as the campaign knows it: its process, its candidates and its failed starts."""
+    """A worker as the campaign knows it: its process, its candidates and its starts."""
 
     def __init__(self, worker: ObjectProcess) -> None:
         self.worker = worker
         self.candidates: deque[Candidate] = deque()
-        """The candidate that it drives, and those that wait."""
+        """The candidate that the worker drives, followed by those that wait for it."""
         self.is_ready = False
-        """Whether its simulator has started."""
+        """Whether the simulator of the present process has started."""
         self.is_lost = True
-        """Whether it has no process."""
+        """Whether the worker has no process."""
         self.has_started = False
-        """Whether its simulator has started at least once."""
+        """Whether a simulator of the worker has ever started."""
         self.failed_starts = 0
         """Number of consecutive failed starts."""
-        self.pace = float("inf")
-        """Time of its last test, in s."""
+        self.last_test_time = float("inf")
+        """Time of the worker's last test, in s; infinite before the first."""
         self.loss = ""
-        """Reason of its last loss."""
+        """Reason of the worker's last loss."""
