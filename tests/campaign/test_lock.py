@@ -121,7 +121,7 @@ def test_a_look_at_a_lock_makes_no_file_and_locks_nobody_out(
     assert holder(path) is None
     assert not path.exists()
     lock_file(path).release()
-    monkeypatch.setattr(lock, "PATIENCE", LIMIT)
+    monkeypatch.setattr(lock, "LONGEST_WAIT", LIMIT)
     with path.open("rb") as file:  # a look locks the file for a moment, too
         assert lock_descriptor(file.fileno(), blocking=False)
         threading.Timer(0.1, file.close).start()

@@ -302,7 +302,7 @@ class Campaign(NotebookRepr):
             self._keep_map_margin()
             if not self.start_from and self.from_roads is None:
                 require_valid_roads(self.strategy)
-        prepare(self.tester.simulator, is_here=isinstance(self.workers, int))
+        prepare(self.tester.simulator, drives_here=isinstance(self.workers, int))
         if isinstance(self.workers, str):
             cluster_workers().require_scheduler(self.workers)
         if self._state is not None:
@@ -394,7 +394,7 @@ class Campaign(NotebookRepr):
         with CampaignStore.open(self.folder, readonly=False) as store:
             if self.budget is None:
                 self.budget = stored_budget(store)
-            prepare(self.tester.simulator, is_here=isinstance(self.workers, int))
+            prepare(self.tester.simulator, drives_here=isinstance(self.workers, int))
             self._keep_map_margin()
             self.start_from = earlier_of(store.config)
             earlier = earlier_evaluations(store, self.objective)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -17,17 +17,20 @@ from frenetic.errors import CampaignError
 
 @dataclass(frozen=True)
 class CheckReport:
-    """Contents of a campaign's database, and the findings about it."""
+    """Contents of a campaign's database, and its faults."""
 
     folder: Path
+    """The campaign's folder."""
     counts: Counts
+    """Numbers of tests; all 0 if they cannot be read."""
     asked: int
     """Number of candidates."""
     trajectories: int
+    """Number of stored trajectories."""
     size: int
-    """Bytes on disk."""
+    """Size of the database with its write-ahead log, in bytes."""
     findings: tuple[str, ...]
-    """Faults, each in a line."""
+    """Faults, each in one line; empty if the campaign is sound."""
 
 
 def check_campaign(folder: Path | str) -> CheckReport:
@@ -52,40 +55,54 @@ def check_campaign(folder: Path | str) -> CheckReport:
 
 
 def _findings(store: CampaignStore) -> Iterator[str]:
+    """Yield the faults of a campaign, each in one line."""
     try:
         for (line,) in store.rows("PRAGMA integrity_check"):
             if line != "ok":
                 yield f"SQLite says: {' '.join(line.split())}"
         if fault := fault_of(store.config):
             yield f"the configuration: {fault}"
-        _ = store.facts
+        _ = store.facts  # raises if a fact is damaged
         for test in read_earlier(store):
-            store.earlier_trajectory(test.id)
-        for (number,) in store.rows("SELECT test FROM finding EXCEPT SELECT id FROM test"):
-            yield f"there are findings of test {number}, which is missing"
-        numbers = list(
+            store.earlier_trajectory(test.id)  # raises if the trajectory is damaged
+        for (test_id,) in store.rows("SELECT test FROM finding EXCEPT SELECT id FROM test"):
+            yield f"there are findings of test {test_id}, which is missing"
+        candidates = list(
             store.rows(
                 "SELECT id, result_number FROM test"
                 " ORDER BY result_number IS NULL, result_number, id"
             )
         )
-    except CampaignError as error:
+    except CampaignError as error:  # the file is too damaged to look further
         yield str(error)
         return
-    orders = [order for _, order in numbers if order is not None]
-    count = len(orders)
-    if orders != list(range(1, count + 1)):
+    yield from _numbering_findings(store, candidates)
+    for test_id, result_number in candidates:
+        try:
+            store.candidate(test_id) if result_number is None else store.test(test_id)
+        except CampaignError as error:
+            yield str(error)
+
+
+def _numbering_findings(
+    store: CampaignStore, candidates: Sequence[tuple[int, int | None]]
+) -> Iterator[str]:
+    """Yield what is wrong with the numbers of a campaign's results and candidates.
+
+    Args:
+        store: the campaign.
+        candidates: id and result number of each candidate, in the order of results; the result
+            number is None for a candidate without a result.
+    """
+    result_numbers = [number for _, number in candidates if number is not None]
+    count = len(result_numbers)
+    if result_numbers != list(range(1, count + 1)):
         yield f"{count} results are stored, but not as numbers 1 to {count}: some are missing"
     if (logged := results_in_log(store.folder)) > count:
         yield (
             f"the log tells of {logged} results, the database holds {count}: the last ones are"
             f" lost; was {DATABASE} copied without {DATABASE}-wal?"
         )
-    ids = sorted(number for number, _ in numbers)
+    ids = sorted(test_id for test_id, _ in candidates)
     if ids != list(range(1, len(ids) + 1)):
         yield f"{len(ids)} candidates are there, but not those from 1 to {len(ids)}"
-    for number, order in numbers:
-        try:
-            store.candidate(number) if order is None else store.test(number)
-        except CampaignError as error:
-            yield str(error)

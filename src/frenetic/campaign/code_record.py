@@ -1,4 +1,4 @@
-"""The code of a campaign's parts: versions, sources, folder and signature, and what has changed."""
+"""The code of a campaign's parts: versions, sources, folder, signature, and changes since."""
 
 from __future__ import annotations
 
@@ -23,9 +23,13 @@ from frenetic.spec.part_record import changed_parts, describe, describe_terms, s
 from frenetic.spec.terms import DriveSetting
 
 SETTING: Final = tuple(item.name for item in fields(DriveSetting))
-"""Entries of the configuration that its `DriveSetting` has, too."""
-_TERMS: Final = (*(name for name in SETTING if name != "car"), "max_in_flight", "objective")
-"""Entries of the configuration that must not change before a resume."""
+"""Names of the entries of the configuration that are fields of its `DriveSetting`."""
+_FIXED_ENTRIES: Final = (
+    *(name for name in SETTING if name != "car"),
+    "max_in_flight",
+    "objective",
+)
+"""Names of the entries of the configuration that must be the same when a campaign is resumed."""
 
 
 @dataclass(frozen=True)
@@ -36,9 +40,9 @@ class CodeRecord:
     strategy: Strategy
     objective: Objective
     spec: Spec | None
-    """Spec that names all parts; None without one."""
+    """Spec that names all parts; None if a part has no name."""
     is_strategy_named: bool
-    """Whether the spec's name made the strategy, unlike a bench's generator."""
+    """Whether the strategy was made by the spec's name, as a bench's generator is not."""
 
     @property
     def folder(self) -> Path:
@@ -47,7 +51,7 @@ class CodeRecord:
 
     @property
     def _construction(self) -> Construction | None:
-        """How the strategy's name made it; None for a strategy without a name."""
+        """How the strategy was made by its name; None for a strategy without a name."""
         if self.spec is None or not self.is_strategy_named:
             return None
         return self.spec.construction("strategy")
@@ -60,7 +64,7 @@ class CodeRecord:
 
     @property
     def behaviours(self) -> dict[str, str]:
-        """Versions of rules and map, and of an objective of the user's own."""
+        """Versions of our rules and our map, and of the objective if it is the user's."""
         measure = self.objective.measure
         if measure.__module__.partition(".")[0] == "frenetic":
             return describe_terms()
@@ -68,15 +72,19 @@ class CodeRecord:
 
     @property
     def sources(self) -> dict[str, JSONValue]:
-        """Sources of the parts that are the user's own: name of a file -> its text."""
+        """Sources of the parts that are the user's: name of a file -> its text."""
         with self.tester.in_folder():
             sources = self.tester.sources | sources_of(self.strategy, self._construction)
         return {**sources, **sources_of(self.objective.measure)}
 
     def signature(self, sources: JSONValue) -> tuple[dict[str, JSONValue], bool]:
-        """Return the fact with the user's signature, and whether the key could not be written.
+        """Return the fact with the user's signature of the code, and whether signing failed.
 
-        There is no fact without named code.
+        There is no fact if the spec names no code of the user's. Signing fails if the user's key
+        cannot be written.
+
+        Args:
+            sources: sources of the parts, as `sources` returns them.
         """
         if self.spec is None:
             return {}, False
@@ -90,18 +98,18 @@ class CodeRecord:
         configuration: Mapping[str, JSONValue],
         advice: Callable[[], str],
     ) -> None:
-        """Check that a stored campaign has these terms and parts.
+        """Check that a stored campaign has the terms and parts with which it is to be resumed.
 
         Args:
             store: the campaign.
-            configuration: its configuration if it began now.
-            advice: gives the end of a message: how to start another campaign.
+            configuration: configuration that the campaign would have if it started now.
+            advice: function that returns the end of a message: how to start another campaign.
 
         Raises:
-            CampaignError: a term or a part is another than the campaign's.
+            CampaignError: a term or a part differs from the campaign's.
         """
         present = json.loads(json.dumps(configuration, default=plain))
-        for name in _TERMS:
+        for name in _FIXED_ENTRIES:
             recorded = store.config.get(name, MOOBD if name == "objective" else None)
             if present[name] != recorded:
                 raise CampaignError(
@@ -116,7 +124,7 @@ class CodeRecord:
             )
 
     def _edited(self, store: CampaignStore) -> list[str]:
-        """Return a text about each of the user's files that was edited since."""
+        """Return a text about each of the user's files that was edited since the start."""
         recorded, sources = store.fact(SOURCES) or {}, self.sources
         return [
             f"{name} was edited"

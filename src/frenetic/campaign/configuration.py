@@ -1,4 +1,4 @@
-"""A campaign's configuration: its parts, terms and budget, as its database keeps them."""
+"""A campaign's configuration: its parts, terms and budget, as its database stores them."""
 
 from __future__ import annotations
 
@@ -18,32 +18,34 @@ from frenetic.spec import Budget, Spec
 from frenetic.spec.terms import DriveSetting
 
 SPEC: Final = "spec"
-"""Entry with the spec of named parts; a campaign of objects from Python has none."""
+"""Name of the entry with the spec; a campaign of objects from Python has no such entry."""
 OWNER: Final = "owner"
-"""Entry with the `Owner` of a campaign that another command than a search drives."""
+"""Name of the entry with the `Owner` of a campaign that is no search."""
 
 
 class Owner(Struct, frozen=True, kw_only=True):
-    """The command that owns a campaign, such as a bench: it alone goes on with the campaign."""
+    """The command that owns a campaign, such as a bench: only this command resumes the campaign."""
 
     summary: str
-    """What the campaign is, after its folder's name: "does not search"."""
+    """What the campaign is, to follow its folder's name: "does not search"."""
     advice: str
-    """How to go on with the campaign, for people."""
+    """How to resume the campaign, for people."""
     resume: tuple[str, ...] = ()
-    """Words after `frenetic` that go on, before the owner's folder; empty where none are known."""
+    """Words of the command that resumes the campaign, between `frenetic` and the owner's folder;
+    empty if no command can."""
     levels_up: Annotated[int, Meta(ge=0, le=8)] = 0
-    """Number of folders from the campaign's up to the owner's."""
+    """Number of folders from the campaign's folder up to the owner's folder."""
     time_budget: Positive | None = None
-    """Time that the owner grants, in s of its own clock, where it is not the campaign's budget."""
+    """Time that the owner grants, in s of the owner's clock; None if the campaign's budget limits
+    the time."""
 
     def entry(self) -> dict[str, JSONValue]:
-        """Return the entry of the campaign's configuration."""
+        """Return the owner as an entry of the campaign's configuration."""
         owner: JSONValue = to_builtins(self)
         return {OWNER: owner}
 
     def command(self, folder: Path) -> str:
-        """Return the command that goes on with the campaign in a folder, or else the advice."""
+        """Return the command that resumes the campaign in a folder; without one, the advice."""
         if not self.resume:
             return self.advice
         for _ in range(self.levels_up):
@@ -52,7 +54,7 @@ class Owner(Struct, frozen=True, kw_only=True):
 
 
 def owner_of(config: Mapping[str, Any]) -> Owner | None:
-    """Return the owner of a campaign; None if it belongs to nobody, such as a search.
+    """Return the owner of a campaign; None for a campaign without an owner, such as a search.
 
     Raises:
         CampaignError: the entry is no owner.
@@ -68,13 +70,13 @@ class EarlierCampaign:
     """An earlier campaign that a search starts from."""
 
     folder: str
-    """Path of its folder, as the user wrote it."""
+    """Path of the campaign's folder, as the user wrote it."""
     simulations: int = 0
-    """Number of its drives."""
+    """Number of the campaign's drives."""
     failures: int = 0
-    """Number of its failures."""
+    """Number of the campaign's failures."""
     taken: int = 0
-    """Number of tests that were taken from it."""
+    """Number of tests that were taken from the campaign."""
     left_out: int = 0
     """Number of roads that do not fit the map or the strategy's step."""
 
@@ -86,21 +88,22 @@ class EarlierCampaign:
         )
 
 
-class _Described(Struct, forbid_unknown_fields=True, rename={"kind": "class"}):
-    """A part in the form of `frenetic.spec.part_record.describe`."""
+class _PartRecord(Struct, forbid_unknown_fields=True, rename={"kind": "class"}):
+    """The record of a part, which `frenetic.spec.part_record.describe` returns."""
 
     kind: str
+    """Class of the part, by the key "class"."""
     options: dict[str, Any] = {}
     version: str = ""
     camera: dict[str, Any] | None = None
-    driver: _Described | None = None
+    driver: _PartRecord | None = None
 
 
 _ENTRIES: Final[list[Any]] = [
     ("seed", int | float | str | bool | None),
-    ("strategy", _Described),
-    ("simulator", _Described),
-    ("driver", _Described),
+    ("strategy", _PartRecord),
+    ("simulator", _PartRecord),
+    ("driver", _PartRecord),
     ("budget", Budget),
     ("workers", Count | str, 1),
     ("max_in_flight", Count | None, None),
@@ -112,29 +115,30 @@ _ENTRIES: Final[list[Any]] = [
     (SPEC, Spec | None, None),
     (OWNER, Owner | None, None),
 ]
+"""Entries of a configuration: name, type and, for entries that may be missing, the default."""
 _Configuration: Any = defstruct("Configuration", _ENTRIES, kw_only=True)
 
 
 def _read(config: Mapping[str, Any]) -> tuple[Spec | None, DriveSetting]:
-    """Return the spec and the setting of a configuration, whose rules and car have to be whole.
+    """Return the spec and the setting of a configuration, after a check of all its entries.
 
     Raises:
-        ValueError: an entry is missing or wrong; the message names it.
+        ValueError: an entry is missing or wrong; the message names the entry.
     """
     try:
         spec, setting = convert(dict(config), _Configuration).spec, DriveSetting.of(config)
     except ValidationError as error:
         raise ValueError(str(error)) from None
-    except FreneticError as error:  # which names no place
+    except FreneticError as error:  # of the spec; its message does not name the entry
         raise ValueError(f"{error} - at `$.{SPEC}`") from None
-    for name in ("rules", "car"):
-        if other := config[name].keys() ^ asdict(getattr(setting, name)).keys():
-            raise ValueError(f"Missing or unknown {', '.join(sorted(other))} - at `$.{name}`")
+    for name in ("rules", "car"):  # their classes would fill in defaults for missing values
+        if wrong_keys := config[name].keys() ^ asdict(getattr(setting, name)).keys():
+            raise ValueError(f"Missing or unknown {', '.join(sorted(wrong_keys))} - at `$.{name}`")
     return spec, setting
 
 
 def fault_of(config: Mapping[str, Any]) -> str:
-    """Return why a campaign's configuration cannot be read, in a line; empty if it can."""
+    """Return why a campaign's configuration cannot be read, in one line; empty if it can."""
     try:
         _read(config)
     except ValueError as error:
@@ -143,14 +147,16 @@ def fault_of(config: Mapping[str, Any]) -> str:
 
 
 def recorded_spec(config: Mapping[str, Any], *, source: object) -> Spec:
-    """Return the spec of a campaign; for one of objects from Python, roads and conditions alone.
+    """Return the spec of a campaign.
+
+    For a campaign of objects from Python the spec holds roads and conditions alone.
 
     Args:
-        config: its configuration.
-        source: name of its file for messages.
+        config: configuration of the campaign.
+        source: name of the campaign's file for messages.
 
     Raises:
-        CampaignError: the configuration is damaged; the message names the place in it.
+        CampaignError: the configuration is damaged; the message names the entry.
     """
     try:
         spec, setting = _read(config)
@@ -163,7 +169,7 @@ def recorded_spec(config: Mapping[str, Any], *, source: object) -> Spec:
 
 
 def earlier_of(config: Mapping[str, Any]) -> tuple[EarlierCampaign, ...]:
-    """Return the earlier campaigns in a configuration.
+    """Return the earlier campaigns from which a campaign started, by its configuration.
 
     Raises:
         CampaignError: the entry is damaged.
@@ -175,10 +181,10 @@ def earlier_of(config: Mapping[str, Any]) -> tuple[EarlierCampaign, ...]:
 
 
 def decode_budget(value: Any) -> Budget:
-    """Return the budget of a JSON object.
+    """Return the budget in a value of JSON.
 
     Raises:
-        ValueError: the object is no budget.
+        ValueError: the value is no budget.
     """
     try:
         return convert(value, Budget)
@@ -190,8 +196,8 @@ def driving_spec(config: Mapping[str, Any], *, source: object) -> Spec | None:
     """Return the spec of a campaign's drives; None if Python started it without names.
 
     Args:
-        config: its configuration.
-        source: name of its file for messages.
+        config: configuration of the campaign.
+        source: name of the campaign's file for messages.
 
     Raises:
         CampaignError: the configuration is damaged.

@@ -23,10 +23,12 @@ from frenetic.spec.values import require_worker_count
 CAMPAIGNS: Final = Path("campaigns")
 """Default parent of campaigns' folders."""
 MAX_IN_FLIGHT: Final = 16
-"""Candidates outstanding at once where several workers drive (ours)."""
+"""Candidates outstanding at once if several workers drive (our choice)."""
 QUICK_DRIVES: Final = 1000
-"""Most simulations of a campaign of compiled drives that one process finishes before workers have
-started (ours)."""
+"""Most simulations of a campaign of compiled drives for which one worker is used: it has finished
+before several workers have started (our choice)."""
+_MOST_FOLDERS: Final = 1000
+"""Number from which no further folder of the same second is looked for (our choice)."""
 
 
 def new_folder(parent: Path | str = CAMPAIGNS) -> Path:
@@ -34,27 +36,27 @@ def new_folder(parent: Path | str = CAMPAIGNS) -> Path:
     parent = Path(parent)
     stamp = datetime.now().strftime("%Y%m%d-%H%M%S")
     folder = parent / stamp
-    for number in range(2, 1000):
+    for number in range(2, _MOST_FOLDERS):
         if not folder.exists():
             break
         folder = parent / f"{stamp}-{number}"
     return folder
 
 
-def prepare(simulator: Simulator, *, is_here: bool = True) -> None:
-    """Have a simulator find out its `car`, where that takes starting it.
+def prepare(simulator: Simulator, *, drives_here: bool = True) -> None:
+    """Let a simulator measure its `car`, if it has to be started for that.
 
     Args:
-        simulator: not yet entered.
-        is_here: whether it drives on this machine, so that its modules have to be installed.
+        simulator: simulator that is not started.
+        drives_here: whether it drives on this machine, so that its modules have to be installed.
 
     Raises:
         CampaignError: the simulator does not start.
     """
     try:
         able = capabilities(simulator)
-        if is_here and able.missing:
-            with simulator:  # which says what to install
+        if drives_here and able.missing:
+            with simulator:  # raises an error that says what to install
                 pass
         able.prepare()
     except Exception as error:
@@ -65,7 +67,7 @@ def checked_workers(workers: int | str) -> int | str:
     """Return a number of workers, or the address of a scheduler.
 
     Raises:
-        ValueError: the value is neither, or more workers than one computer may have.
+        ValueError: the value is neither, or the number exceeds what one computer may have.
     """
     if isinstance(workers, str):
         return read_workers(workers)
@@ -73,7 +75,10 @@ def checked_workers(workers: int | str) -> int | str:
 
 
 def usual_workers(budget: Budget | None, max_in_flight: int | None, tester: RoadTester) -> int:
-    """Return the number of workers that are of use, by default one per core."""
+    """Return the default number of workers of a campaign.
+
+    It is 1 for few compiled drives, otherwise the simulator's usual number, or one per core.
+    """
     workers = capabilities(tester.simulator).usual_workers or available_cores()
     drives = None if budget is None else budget.simulations
     if drives is not None and drives <= QUICK_DRIVES and tester.drives_compiled:
@@ -82,14 +87,14 @@ def usual_workers(budget: Budget | None, max_in_flight: int | None, tester: Road
 
 
 def default_max_in_flight(workers: int | str) -> int:
-    """Return the number of candidates that are outstanding at once, unless a user says another."""
+    """Return the default number of candidates that are outstanding at once."""
     if workers == 1:
         return 1
     return max(MAX_IN_FLIGHT, workers) if isinstance(workers, int) else MAX_IN_FLIGHT
 
 
 def checked_drive_limit(drive_limit: float | None, simulator: Simulator) -> float:
-    """Return the limit of a drive's wall time, by default the simulator's, in s.
+    """Return the limit of a drive's wall time in s, by default the simulator's.
 
     Raises:
         ValueError: the limit is not positive.
@@ -102,7 +107,7 @@ def checked_drive_limit(drive_limit: float | None, simulator: Simulator) -> floa
 
 
 def require_strategy(strategy: object, workers: int | str) -> None:
-    """Check that an object is a strategy that a campaign with these workers can search with.
+    """Check that an object is a strategy with which a campaign with these workers can search.
 
     Raises:
         ValueError: the object is no strategy, or observes drives of other processes.
@@ -132,16 +137,19 @@ def checked_terms(terms: Terms | None, strategy: Strategy) -> Terms:
     Raises:
         ValueError: terms and strategy do not agree.
     """
-    of_strategy: dict[str, Any] = {"road_class": strategy.road_class, "domain": strategy.domain}
-    of_strategy["map_size"] = (options_of(strategy) or {}).get("map_size")
-    of_strategy = {name: value for name, value in of_strategy.items() if value is not None}
+    strategy_terms: dict[str, Any] = {
+        "road_class": strategy.road_class,
+        "domain": strategy.domain,
+        "map_size": (options_of(strategy) or {}).get("map_size"),
+    }
+    strategy_terms = {name: term for name, term in strategy_terms.items() if term is not None}
     if terms is None:
-        return Terms.of_class(of_strategy.pop("road_class", None), **of_strategy)
-    for name, value in of_strategy.items():
-        if getattr(terms, name) != value:
+        return Terms.of_class(strategy_terms.pop("road_class", None), **strategy_terms)
+    for name, strategy_term in strategy_terms.items():
+        if getattr(terms, name) != strategy_term:
             text, strategy_text = (
                 number_word(term) if name == "map_size" else getattr(term, "name", term)
-                for term in (getattr(terms, name), value)
+                for term in (getattr(terms, name), strategy_term)
             )
             raise ValueError(
                 f"{name} is {text}, but the strategy was made for {strategy_text}: they have to"

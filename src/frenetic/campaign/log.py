@@ -1,19 +1,19 @@
 """A campaign's log: its events, line by line, for people and programs alike.
 
-The log is the file `campaign.log` in the campaign's folder: one JSON object per line, only ever
-appended to. So it can be read from another machine through a network share, where an open database
-must not be. Each line begins with the same four keys, and the fields of its event
-follow:
+The log is the file `campaign.log` in the campaign's folder. It has one JSON object per line, and
+lines are only appended. So it can be read from another machine through a network share, where an
+open database cannot be read safely. Each line begins with the same four keys, which are followed by
+the fields of its event:
 
-| key | holds |
+| key | value |
 | --- | --- |
-| time | when, UTC, ISO 8601 with milliseconds |
+| time | date and time, UTC, ISO 8601 with milliseconds |
 | level | debug, info, warning, error or critical |
-| event | one of `Event` |
-| message | the event, in a sentence |
+| event | a value of `LogEvent` |
+| message | the event in a sentence |
 
-``frenetic show --follow`` shows it in one screen; other questions are one line of a shell or of
-Python: ``jq 'select(.level == "error")' campaign.log``, ``pandas.read_json(path, lines=True)``.
+``frenetic show --follow`` shows the log in one screen. Other questions take one line of a shell or
+of Python: ``jq 'select(.level == "error")' campaign.log``, ``pandas.read_json(path, lines=True)``.
 
 The campaign is more important than its log: nothing here raises. Lines that cannot be written, for
 example on a full disk, are lost.
@@ -49,49 +49,50 @@ LOG: Final = "campaign.log"
 
 
 class LogEvent(StrEnum):
-    """Event of a line of the log, with its fields.
+    """Event of a line of the log; each text names the fields of the line.
 
-    The last line of a campaign's process is one of FINISHED, INTERRUPTED and GAVE_UP; without one,
-    the process still runs or was killed.
+    The last line of a process is FINISHED, INTERRUPTED or GAVE_UP; if none of them is there, the
+    process still runs or was killed.
     """
 
     STARTED = "started"
-    """A campaign begins: strategy, driver, simulator, seed, budget, workers, process_id, host."""
+    """The campaign starts. Fields: strategy, driver, simulator, seed, budget, workers,
+    max_in_flight, versions, process_id, host."""
     RESUMED = "resumed"
-    """It is resumed in another process; fields as for STARTED."""
+    """The campaign is resumed. Fields: as for STARTED."""
     WORKER_STARTED = "worker_started"
-    """A worker has started: worker."""
+    """A worker has started. Field: worker."""
     WORKER_LOST = "worker_lost"
-    """A worker was lost: worker, reason, and test if it was driving one."""
+    """A worker was lost. Fields: worker, reason, and test if the worker had begun one."""
     TEST_RETRIED = "test_retried"
-    """A test is tried again: test, reason, and traceback if known."""
+    """A test is tried again. Fields: test, attempt, worker, reason, and traceback if known."""
     TEST_ERROR = "test_error"
-    """An ERROR: test, reason, and traceback if known."""
+    """A test ended with ERROR. Fields: test, attempts, reason, and traceback if known."""
     TEST_FAILED = "test_failed"
-    """A FAIL: test, moobd (m)."""
+    """A test ended with FAIL. Fields: test, moobd in m, and traceback if known."""
     NOTICE = "notice"
-    """The search is not what its user expects; the message says why."""
+    """The search does not go as its user expects; the message says why."""
     INTERRUPTED = "interrupted"
-    """It was stopped before its budget was spent; the summary's fields."""
+    """The campaign was stopped before its budget was spent. Fields: the summary's."""
     GAVE_UP = "gave_up"
-    """It cannot go on: traceback of its cause, if there is one."""
+    """An error ended the campaign. Field: traceback of the cause, if there is one."""
     FINISHED = "finished"
-    """Its budget is spent; the summary's fields."""
+    """The budget is spent, or the strategy has ended. Fields: the summary's."""
     PROGRESS = "progress"
-    """Its progress, see `CampaignLog.progress`."""
+    """The progress, every few seconds. Fields: see `CampaignLog.progress`."""
     LOG = "log"
-    """A record of Python's logging: logger, traceback."""
+    """A record of Python's logging. Fields: logger, and traceback if there is one."""
 
 
 class CampaignLog:
     """The log in a campaign's folder, open for appending; a context manager.
 
-    Each log has a handler of its own, so events of campaigns in one process never mix. While it is
-    entered, messages of the library's loggers become lines, too. In a forked process it does
+    Each log has its own handler, so events of campaigns in one process never mix. In a ``with``
+    block the records of the library's loggers become lines, too. In a forked process the log writes
     nothing.
 
     Args:
-        folder: of the campaign.
+        folder: folder of the campaign.
     """
 
     def __init__(self, folder: Path) -> None:
@@ -103,10 +104,10 @@ class CampaignLog:
         """Write a line.
 
         Args:
-            event: of the line.
+            event: event of the line.
             message: the event in a sentence.
-            level: its severity.
-            fields: of the event.
+            level: severity of the event.
+            fields: fields of the event.
         """
         line = {"levelname": level, "msg": message, "event": event, "fields": fields}
         self._file.handle(logging.makeLogRecord(line))
@@ -115,7 +116,7 @@ class CampaignLog:
         """Write a line about a test that failed, or in which the simulator broke."""
         if test.outcome is Outcome.FAIL:
             text = f"test {test.id} failed: {test.reason}"
-            fields = {"test": test.id, "moobd": test.moobd, **_traced(trouble)}
+            fields = {"test": test.id, "moobd": test.moobd, **_traceback_field(trouble)}
             self.write(LogEvent.TEST_FAILED, text, **fields)  # type: ignore[arg-type]
         elif test.outcome is Outcome.ERROR:
             self.write(
@@ -125,24 +126,24 @@ class CampaignLog:
                 test=test.id,
                 attempts=test.attempts,
                 reason=test.reason,
-                **_traced(trouble),
+                **_traceback_field(trouble),
             )
 
-    def retried(self, attempt: Attempt, tries: int) -> None:
-        """Write that a candidate is tried again after `tries` attempts."""
+    def retried(self, attempt: Attempt, attempt_count: int) -> None:
+        """Write that a candidate is tried again after a number of attempts."""
         self.write(
             LogEvent.TEST_RETRIED,
             f"test {attempt.candidate_id} is tried again: {attempt.failure}",
             level="warning",
             test=attempt.candidate_id,
-            attempt=tries,
+            attempt=attempt_count,
             worker=attempt.worker,
             reason=attempt.failure,
-            **_traced(attempt.trouble),
+            **_traceback_field(attempt.trouble),
         )
 
     def progress(self, summary: Summary) -> None:
-        """Write how far the campaign is."""
+        """Write the counts, the worst value and the spent share of the budget."""
         self.write(
             LogEvent.PROGRESS,
             f"{summary.as_text()}{summary.worst_as_text},"
@@ -163,13 +164,13 @@ class CampaignLog:
         self._file.close()
 
 
-def _traced(trouble: Trouble | None) -> dict[str, JSONValue]:
-    """Return the field of a line for a traceback, if there is one."""
+def _traceback_field(trouble: Trouble | None) -> dict[str, JSONValue]:
+    """Return the field with a trouble's traceback; no field without a traceback."""
     return {"traceback": trouble.traceback} if trouble is not None and trouble.traceback else {}
 
 
 def results_in_log(folder: Path) -> int:
-    """Return the number of results of which a campaign's log tells."""
+    """Return the largest number of results that a line of a campaign's log reports."""
     most = 0
     with suppress(OSError), open_file(folder / LOG) as file:
         for line in file:
@@ -180,7 +181,7 @@ def results_in_log(folder: Path) -> int:
 
 
 class _LogFile(WatchedFileHandler):
-    """A file to which records are appended, opened again after somebody has removed it."""
+    """A file to which records are appended; after its removal a new file is opened."""
 
     def __init__(self, path: Path) -> None:
         super().__init__(path, encoding="utf-8", delay=True)
@@ -195,19 +196,19 @@ class _LogFile(WatchedFileHandler):
         return super()._open()
 
     def emit(self, record: logging.LogRecord) -> None:
-        with suppress(OSError):  # it cannot be opened
+        with suppress(OSError):  # the file cannot be opened
             super().emit(record)
 
     def handleError(self, record: logging.LogRecord) -> None:  # noqa: N802  # logging's
-        """Lose a line that cannot be written."""
+        """Do nothing: a line that cannot be written is lost."""
 
     def close(self) -> None:
-        with suppress(OSError):  # the disk has no room for what it holds
+        with suppress(OSError):  # the disk has no room for buffered lines
             super().close()
 
 
 class _JSONLine(logging.Formatter):
-    """A record as a JSON object in ASCII, which no terminal takes for a command."""
+    """Formatter of a record as a JSON object in ASCII, without control characters."""
 
     def format(self, record: logging.LogRecord) -> str:
         line: dict[str, Any] = {
