@@ -1,4 +1,4 @@
-"""Errors that a user can cause, each with a message for the reader."""
+"""Errors that a user can cause, and the description of errors in a user's code."""
 
 from __future__ import annotations
 
@@ -10,53 +10,64 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final, Literal
 
-# Most characters of texts; ours.
-_MOST = 450  # of a line about an error
-_MOST_OF_OURS = 2_000  # of a Frenetic error, which a driver may raise, too
-_MOST_SOURCE = 80  # of a line of source
-_MOST_TRACEBACK = 20_000  # of a traceback, whose middle is cut
-_OURS = f"{Path(__file__).parent}{os.sep}"
-_STANDARD = f"{Path(os.__file__).parent}{os.sep}"
-_INSTALLED = (f"{os.sep}site-packages{os.sep}", f"{os.sep}dist-packages{os.sep}")
+# Most characters of texts, all our choice. Code of users may raise errors with texts of any length.
+_MOST_DESCRIPTION: Final = 450  # of the line about an error
+_MOST_MESSAGE: Final = 2_000  # of a Frenetic error's message
+_MOST_CLASS_NAME: Final = 100
+_MOST_PATH: Final = 100  # of a file's path, whose beginning is cut
+_MOST_SOURCE: Final = 80  # of a line of source
+_MOST_TRACEBACK: Final = 20_000  # of a traceback, whose middle is cut
+
+_OUR_FOLDER: Final = f"{Path(__file__).parent}{os.sep}"
+_STANDARD_LIBRARY: Final = f"{Path(os.__file__).parent}{os.sep}"
+_PACKAGE_FOLDERS: Final = (f"{os.sep}site-packages{os.sep}", f"{os.sep}dist-packages{os.sep}")
+"""Parts of a path by which a file belongs to an installed package."""
 
 
 def describe_error(error: BaseException) -> str:
-    """Return class and text of an error in foreign code, in one line of at most 450 characters."""
-    return _described(error)[:_MOST]
+    """Return class and text of an error in a user's code, in one line of at most 450 characters."""
+    return _one_line(error)[:_MOST_DESCRIPTION]
 
 
 def describe_raised(error: BaseException) -> str:
-    """Return `describe_error` with the place in the user's code, at most 450 characters."""
+    """Return class, text and place of an error in a user's code, in at most 450 characters.
+
+    An example is ``ZeroDivisionError: division by zero (mpc.py:42: x = 1 / v)``.
+    """
     place = place_of(error)
     if not place:
         return describe_error(error)
-    return f"{_described(error)[: _MOST - len(place) - 3]} ({place})"
+    place = f" ({place})"
+    return _one_line(error)[: _MOST_DESCRIPTION - len(place)] + place
 
 
-def _described(error: BaseException) -> str:
+def _one_line(error: BaseException) -> str:
     """Return class and text of an error in one line."""
     name = _class_name(error)
-    text = " ".join(_text_of(error, _MOST_OF_OURS).split())
+    text = " ".join(_text_of(error, _MOST_MESSAGE).split())
     return f"{name}: {text}" if text else name
 
 
 def _class_name(error: BaseException) -> str:
-    """Return the name of an error's class, at most 100 characters, whatever the class overrides."""
+    """Return the name of an error's class.
+
+    It is read past the class, which may be a user's and override attributes.
+    """
     name: str = vars(type)["__name__"].__get__(type(error))
-    return _encodable(name[:100])
+    return _encodable(name[:_MOST_CLASS_NAME])
 
 
 def _cause_of(error: BaseException) -> BaseException | None:
-    """Return the error from which this one was raised, whatever its class overrides."""
+    """Return the error from which an error was raised, read past the class as in `_class_name`."""
     cause: BaseException | None = vars(BaseException)["__cause__"].__get__(error)
     return cause
 
 
 def _text_of(error: BaseException, most: int) -> str:
-    """Return the text of an error, of at most so many characters, whatever its class does."""
+    """Return the text of an error, cut to `most` characters."""
     try:
         return _encodable(str.__str__(str(error)[:most]))
-    except BaseException:  # foreign code may raise anything here
+    except BaseException:  # a user's class may raise anything here
         return "an error without a readable text"
 
 
@@ -68,9 +79,9 @@ def _encodable(text: str) -> str:
 def place_of(error: BaseException) -> str:
     """Return where the user's code raised: file, line and source, as ``mpc.py:42: x = 1 / v``.
 
-    The place is the deepest call outside Frenetic, Python and installed packages. If no call is, it
-    is the deepest call in the package that Frenetic called. The file's path starts from the entry
-    of `sys.path` from which it is imported. Empty if there is no such call.
+    The place is the deepest call outside Frenetic, Python and installed packages. Without such a
+    call it is the deepest call in the package that Frenetic called, and without that it is empty.
+    The file's path starts from the entry of `sys.path` from which the file is imported.
     """
     place = _call_of(error)
     if place is None:
@@ -79,11 +90,11 @@ def place_of(error: BaseException) -> str:
     source = " ".join(linecache.getline(file, line).split())
     if len(source) > _MOST_SOURCE:
         source = f"{source[: _MOST_SOURCE - 3]}..."
-    return f"{_short(file)[-100:]}:{line}{': ' if source else ''}{source}"
+    return f"{_short_path(file)}:{line}{': ' if source else ''}{source}"
 
 
 def _call_of(error: BaseException) -> tuple[str, int] | None:
-    """Return file and line at which the user's code raised, see `place_of`."""
+    """Return file and line at which the user's code raised, see `place_of`; None if unknown."""
     calls = [
         (frame.f_code.co_filename, line)
         for frame, line in traceback.walk_tb(vars(BaseException)["__traceback__"].__get__(error))
@@ -91,15 +102,17 @@ def _call_of(error: BaseException) -> tuple[str, int] | None:
     ]
     if not calls:
         return None
-    user_calls = [call for call in calls if not any(part in call[0] for part in _INSTALLED)]
-    first = _package_of(calls[0][0])
-    return (user_calls or [call for call in calls if _package_of(call[0]) == first])[-1]
+    user_calls = [call for call in calls if not any(part in call[0] for part in _PACKAGE_FOLDERS)]
+    if user_calls:
+        return user_calls[-1]
+    called_package = _package_of(calls[0][0])
+    return [call for call in calls if _package_of(call[0]) == called_package][-1]
 
 
 HANGS: Final = "hangs"
 """Kind of the fault of a driver that takes too long."""
 ENDS_ITS_PROCESS: Final = "ends its process"
-"""Kind of the fault of a driver whose process dies while it is asked."""
+"""Kind of the fault of a driver whose process dies while the driver acts."""
 IS_KILLED: Final = "is killed"
 """Kind of the fault of a driver whose process is killed in each of two drives on a road: a single
 kill may come from the system."""
@@ -108,7 +121,7 @@ BREAKS_PROTOCOL: Final = "breaks into its process's descriptors"
 GIVES_NO_CONTROLS: Final = "gives no usable controls"
 """Kind of the fault of a driver that does not return controls with finite numbers."""
 OWN_KINDS: Final = (HANGS, ENDS_ITS_PROCESS, IS_KILLED, BREAKS_PROTOCOL, GIVES_NO_CONTROLS)
-"""Kinds of faults that are not the class of an error."""
+"""Kinds of faults that are not the name of an error's class."""
 
 
 @dataclass(frozen=True)
@@ -130,20 +143,20 @@ class Fault:
             error = cause
         file, line = _call_of(error) or ("", 0)
         kind = GIVES_NO_CONTROLS if issubclass(type(error), ControlsError) else _class_name(error)
-        return cls(part, kind, file and _short(file)[-100:], line)
+        return cls(part, kind, file and _short_path(file), line)
 
     def __str__(self) -> str:
         text = self.kind if self.kind in OWN_KINDS else f"raises {self.kind}"
         return f"{text} at {self.file}:{self.line}" if self.file else text
 
     def is_like(self, other: Fault | None) -> bool:
-        """Return whether two faults are equal but for their lines, which edits of a file move."""
+        """Return whether two faults are equal apart from their lines, which edits of a file move."""
         return other is not None and replace(self, line=0) == replace(other, line=0)
 
 
 @dataclass(frozen=True)
 class Trouble:
-    """An error that ended a drive: the reason, and if known, the traceback and the fault."""
+    """An error that ended a drive: the reason, and the traceback and the fault if known."""
 
     reason: str
     """The reason, in one line."""
@@ -159,41 +172,46 @@ class Trouble:
         part: Literal["driver", "simulator"] = "driver",
         reason: str | None = None,
     ) -> Trouble:
-        """Return the trouble behind an error in a part's code.
+        """Return the trouble of an error in a part's code.
 
         Args:
             error: the error.
-            part: the part whose code raised it.
-            reason: reason in other words than the error's.
+            part: the part whose code raised the error.
+            reason: reason of the trouble; None for the error's description.
         """
         text = reason_of(error) if reason is None else reason
         return cls(text, traceback_of(error), Fault.of(part, error))
 
 
 def _is_foreign(file: str) -> bool:
-    """Return whether code is neither Frenetic's nor Python's, nor generated by a dataclass."""
-    if file.startswith((_OURS, "<frozen ", "<string>")):
+    """Return whether the code in a file is neither Frenetic's nor Python's nor generated."""
+    if file.startswith((_OUR_FOLDER, "<frozen ", "<string>")):  # "<string>" is a dataclass's code
         return False
-    return not file.startswith(_STANDARD) or any(part in file for part in _INSTALLED)
+    # Packages may be installed in a folder of the standard library.
+    return not file.startswith(_STANDARD_LIBRARY) or any(part in file for part in _PACKAGE_FOLDERS)
 
 
 def _package_of(file: str) -> str:
     """Return the folder of the installed package to which a file belongs."""
-    for part in _INSTALLED:
+    for part in _PACKAGE_FOLDERS:
         head, separator, tail = file.partition(part)
         if separator:
             return head + separator + tail.partition(os.sep)[0]
     return str(Path(file).parent)
 
 
-def _short(file: str) -> str:
-    """Return a file's path from the entry of `sys.path` from which it is imported."""
+def _short_path(file: str) -> str:
+    """Return a file's path from the entry of `sys.path` from which the file is imported."""
     roots = [f"{root.rstrip(os.sep)}{os.sep}" for root in sys.path if Path(root).is_absolute()]
-    return file[max((len(root) for root in roots if file.startswith(root)), default=0) :]
+    longest = max((len(root) for root in roots if file.startswith(root)), default=0)
+    return file[longest:][-_MOST_PATH:]
 
 
 def traceback_of(error: BaseException) -> str:
-    """Return the traceback of an error; for a Frenetic error, of the error that caused it."""
+    """Return the traceback of an error; for a Frenetic error the traceback of its cause.
+
+    Empty for a Frenetic error without a cause.
+    """
     if issubclass(type(error), FreneticError):
         if (cause := _cause_of(error)) is None:
             return ""
@@ -201,7 +219,7 @@ def traceback_of(error: BaseException) -> str:
     try:
         lines = traceback.format_exception(type(error), error, error.__traceback__)
         text = _encodable("".join(lines))
-    except BaseException:  # foreign code may raise anything here
+    except BaseException:  # a user's class may raise anything here
         text = f"{describe_error(error)}, without a readable traceback"
     half = _MOST_TRACEBACK // 2
     return text if len(text) <= _MOST_TRACEBACK else f"{text[:half]}\n...\n{text[-half:]}"
@@ -220,7 +238,7 @@ class RoadError(FreneticError, ValueError):
 
 
 class CampaignError(FreneticError):
-    """A campaign's folder or database that cannot be used as asked."""
+    """A campaign that cannot be run, resumed, stored or read as asked."""
 
 
 class CampaignGoneError(CampaignError):
@@ -239,19 +257,19 @@ class StrategyError(CampaignError):
 
 
 class DriverError(FreneticError):
-    """A driver that cannot be loaded, or that did not keep its contract during a drive."""
+    """A driver that cannot be loaded, or that broke its contract during a drive."""
 
 
 class ControlsError(DriverError):
-    """A driver returned no `Controls`, or no finite numbers in them."""
+    """A driver that returned no `Controls`, or numbers in them that are not finite."""
 
 
 class UnknownNameError(FreneticError, LookupError):
-    """The name of an unregistered strategy, driver or simulator."""
+    """A name that no strategy, driver, simulator or other part is registered under."""
 
 
 def reason_of(error: BaseException) -> str:
-    """Return one line about an error of a simulator or driver; Frenetic's errors stay unchanged."""
+    """Return the message of a Frenetic error, or else one line about an error in a user's code."""
     if issubclass(type(error), FreneticError):
-        return _text_of(error, _MOST_OF_OURS)
+        return _text_of(error, _MOST_MESSAGE)
     return describe_raised(error)
