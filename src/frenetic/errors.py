@@ -150,7 +150,7 @@ class Fault:
         return f"{text} at {self.file}:{self.line}" if self.file else text
 
     def is_like(self, other: Fault | None) -> bool:
-        """Return whether two faults are equal apart from their lines, which edits of a file move."""
+        """Return whether two faults are equal but for their lines, which edits of a file move."""
         return other is not None and replace(self, line=0) == replace(other, line=0)
 
 

@@ -130,8 +130,8 @@ def test_a_moved_folder_ends_the_campaign_which_is_resumed_at_the_new_place(
     assert results >= 5
     place = f" to {new}" if sys.platform == "linux" else ""
     assert str(gone.value) == (
-        f"{folder} was moved{place} while it was in use: its {results} results stand there;"
-        " go on with it there"
+        f"{folder} was moved{place} while it was in use: its {results} results are there;"
+        " resume it there"
     )
     assert next(calls) < 20
     assert list(folder.parent.rglob("*")) == ([folder] if deed == "moved and replaced" else [])

@@ -186,13 +186,13 @@ class Campaign(NotebookRepr):
         """Return the campaign of a spec.
 
         Args:
-            spec: names strategy, driver and simulator, and has a budget.
-            folder: for results, as for the class.
-            workers: as for the class; by default the number in the spec, or else the simulator's
-                usual number, one per core, or 1 for few compiled drives
+            spec: spec that names strategy, driver and simulator, and has a budget.
+            folder: folder for results, as for the class.
+            workers: number or address, as for the class; by default the number in the spec, or else
+                the simulator's usual number, one per core, or 1 for few compiled drives
                 (`frenetic.campaign.defaults.QUICK_DRIVES`).
-            isolate: as for the class. A script that isolates needs ``if __name__ ==
-                "__main__":``.
+            isolate: whether a single worker drives in another process, as for the class; then a
+                script needs ``if __name__ == "__main__":``.
 
         Raises:
             FreneticError: a part cannot be made.

@@ -65,7 +65,7 @@ def require_fresh(strategy: Strategy) -> None:
     if is_used:
         raise CampaignError(
             f"the strategy {type(strategy).__name__} was asked before: make a new one for each"
-            " campaign and each resume(); a Campaign that has run goes on with run()"
+            " campaign and each resume(); a Campaign that has run continues with run()"
         )
 
 

@@ -347,10 +347,10 @@ class CampaignStore(CampaignReader):
                 return None
         fate = self._in_use.fate()
         if self._in_use.holds(DATABASE, self._opened_file):
-            with suppress(CampaignError):  # the disk is full, say
+            with suppress(CampaignError):  # for example because the disk is full
                 self.write()
-            text = f"{self.folder} {fate} while it was in use: {self._stored_words()} there"
-            error = CampaignGoneError(f"{text}; go on with it there")
+            text = f"{self.folder} {fate} while it was in use: {self._stored_results_text()} there"
+            error = CampaignGoneError(f"{text}; resume it there")
             error.place = self._in_use.place()
             return error
         if not fate:
@@ -364,10 +364,10 @@ class CampaignStore(CampaignReader):
             " or run the campaign again"
         )
 
-    def _stored_words(self) -> str:
-        """Return the number of stored results as a clause: ``its 3 results stand``."""
+    def _stored_results_text(self) -> str:
+        """Return the number of stored results as a clause: ``its 3 results are``."""
         number = self.stored()
-        return f"its {counted(number, 'result')} {'stands' if number == 1 else 'stand'}"
+        return f"its {counted(number, 'result')} {'is' if number == 1 else 'are'}"
 
     def require_sound(self) -> None:
         """Check that the file is undamaged and no result is missing, before results are added.
@@ -406,5 +406,5 @@ def _refuse_existing(path: Path) -> None:
     if os.path.lexists(path):
         raise CampaignError(
             f"{path.parent} already holds a campaign; choose another place, or "
-            "go on with that one: frenetic resume (in Python: resume())"
+            "resume that one: frenetic resume (in Python: resume())"
         )

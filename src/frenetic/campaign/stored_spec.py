@@ -62,4 +62,6 @@ def stored_budget(store: CampaignStore) -> Budget:
     try:
         return decode_budget(store.facts.get("budget", store.config.get("budget")))
     except ValueError as error:
-        raise CampaignError(f"{store.folder} has no budget to go on with: {error}") from None
+        raise CampaignError(
+            f"{store.folder} stores no usable budget: {error}; resume it with a budget"
+        ) from None

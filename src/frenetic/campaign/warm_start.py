@@ -239,9 +239,9 @@ def _take_tests(
 
     Args:
         store: the campaign.
-        tester: as for `take_earlier`, as are `objective` and `step`.
-        objective: objective of the new campaign.
-        step: distance between two curvatures, in m.
+        tester: tester of the new campaign, whose map the roads have to fit.
+        objective: objective of the new campaign, measured on the stored drives.
+        step: distance between two curvatures that the strategy needs, in m; None for any.
         vectors: vectors of all taken tests, see `_is_new`, to which the new ones are added.
     """
     tests: list[Test] = []

@@ -141,7 +141,7 @@ def _send_whole(channel: Channel, data: bytes) -> None:
     _require_whole(channel)
     try:
         channel.send(data)
-    except OSError:  # the parent has ended, or a driver has closed the connection meanwhile
+    except OSError:  # the parent has ended, or a driver has just closed the connection
         _require_whole(channel)
 
 
