@@ -149,28 +149,29 @@ class Campaign(NotebookRepr):
         self.objective = Objective.load(objective)
         self.budget = budget
         self.workers = workers
-        """Number of roads driven at once, or the address of a Dask scheduler."""
+        """Number of roads driven at once, or address of a Dask scheduler."""
         self.isolate = isolate
         self._is_default_in_flight = max_in_flight is None
         if max_in_flight is None:
             max_in_flight = default_max_in_flight(workers)
         self.max_in_flight: int | None = require_count("max_in_flight", max_in_flight)
-        """None for as many as the workers have room for."""
+        """Most candidates outstanding at once; None for as many as the workers have room for."""
         self.drive_limit = drive_limit
         self.folder = new_folder() if folder is None else Path(folder)
         self.seed: int | None = (options_of(strategy) or {}).get("seed")
         self.started = False
-        """Whether its folder and database exist."""
+        """Whether the campaign's folder and database exist."""
         self.description = dict(description or {})
         self.notes: tuple[str, ...] = ()
         """Sentences about the warm start, and about files and roads that cannot be read."""
         self._unreported: deque[tuple[int, Summary]] = deque()
-        """Stored tests that the caller has not seen yet, since its `on_event` raised."""
+        """Stored tests that were not reported, since the caller's `on_event` raised, see `run`."""
         self._state: SearchState | None = None
-        """Progress between runs, if the strategy knows exactly these results."""
+        """Progress between runs; None unless the strategy knows exactly its results."""
         self._session: SearchSession | None = None  # while it runs
 
     def _check_conditions(self, domain: Domain) -> None:
+        """Check that simulator and driver can be put into all conditions of a domain."""
         conditions = self.tester.terms.conditions_of(domain.all_at_once())
         check_pair_in(conditions, self.tester.simulator, self.tester.driver)
 
@@ -222,17 +223,13 @@ class Campaign(NotebookRepr):
 
     @property
     def spec(self) -> Spec | None:
-        """The spec of the campaign as it runs; None unless all its parts have names."""
+        """The spec of the campaign as it runs; None if a part has no name."""
         spec = self.tester.spec
         if spec is None or spec.strategy is None:
             return None
         limits = {} if self.budget is None else asdict(self.budget)
-        more: dict[str, Any] = {
-            **limits,
-            "workers": self.workers,
-            "max_in_flight": self.max_in_flight,
-        }
-        return structs.replace(spec, **more, signed=None)
+        extent = {"workers": self.workers, "max_in_flight": self.max_in_flight}
+        return structs.replace(spec, **limits, **extent, signed=None)
 
     @property
     def _code(self) -> CodeRecord:
@@ -241,7 +238,7 @@ class Campaign(NotebookRepr):
         return CodeRecord(self.tester, self.strategy, self.objective, self.spec, is_named)
 
     def configuration(self) -> dict[str, JSONValue]:
-        """Return the campaign's record for its database."""
+        """Return the campaign's configuration, which its database stores."""
         tester, spec = self.tester, self.spec
         code = self._code
         record: dict[str, Any] = {
@@ -477,7 +474,7 @@ class Campaign(NotebookRepr):
             isolate=self.isolate,
             drive_limit=self.drive_limit,
             log=log,
-            ahead=self.max_in_flight != 1,
+            may_queue=self.max_in_flight != 1,
             keep_exact=isinstance(self.strategy, ObservingStrategy),
         )
 

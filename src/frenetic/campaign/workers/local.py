@@ -120,7 +120,7 @@ class LocalWorkers:
         drive_limit: wall time in s after which a worker that tests one candidate counts as hanging
             and is killed.
         log: log to which the events of the workers are written.
-        ahead: whether a worker with quick tests may have several candidates at once.
+        may_queue: whether a worker with quick tests may have several candidates at once.
         keep_exact: whether attempts have exact trajectories, too, not only packed ones.
 
     Raises:
@@ -134,7 +134,7 @@ class LocalWorkers:
         *,
         drive_limit: float,
         log: CampaignLog,
-        ahead: bool = True,
+        may_queue: bool = True,
         keep_exact: bool = False,
     ) -> None:
         able = capabilities(tester.simulator)
@@ -153,7 +153,7 @@ class LocalWorkers:
         ]
         self._drive_limit = drive_limit
         self._log = log
-        self._most_queued = MAX_QUEUED if ahead else 1
+        self._most_queued = MAX_QUEUED if may_queue else 1
         # Candidates of lost workers that had not begun them; any worker takes them.
         self._backlog: deque[Candidate] = deque()
 
@@ -299,7 +299,7 @@ def workers_for(
     isolate: bool,
     drive_limit: float,
     log: CampaignLog,
-    ahead: bool,
+    may_queue: bool,
     keep_exact: bool,
 ) -> Workers:
     """Return the workers of a campaign, which are not started yet.
@@ -310,7 +310,7 @@ def workers_for(
         isolate: whether a single worker, too, drives in another process, see `is_isolable`.
         drive_limit: wall time in s after which a worker that tests one candidate counts as hanging.
         log: log of the campaign.
-        ahead: whether a worker with quick tests may have several candidates at once.
+        may_queue: whether a worker with quick tests may have several candidates at once.
         keep_exact: whether attempts have exact trajectories, too, not only packed ones.
 
     Raises:
@@ -322,7 +322,12 @@ def workers_for(
     if workers == 1 and not (isolate and is_isolable(tester)):
         return InProcessWorker(tester)
     return LocalWorkers(
-        tester, workers, drive_limit=drive_limit, log=log, ahead=ahead, keep_exact=keep_exact
+        tester,
+        workers,
+        drive_limit=drive_limit,
+        log=log,
+        may_queue=may_queue,
+        keep_exact=keep_exact,
     )
 
 
