@@ -83,7 +83,7 @@ class SearchSession:
         self._send("interrupted", self.state.summary.snapshot(self._seconds))
 
     def _search(self) -> bool:
-        """Start the workers and search; return whether the search ended before its budget did."""
+        """Start the workers and search; return whether a stop or a limit ended the search early."""
         summary = self.state.summary
         with catch_interrupt(self._send_interrupted) as interrupt:
             self.interrupt = interrupt
