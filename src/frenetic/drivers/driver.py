@@ -255,7 +255,7 @@ class OwnWrapper:
     BEHAVIOUR: ClassVar[int] = 1
     """Raised when the wrapper's effect changes, as a driver's is."""
     place: ClassVar[int]
-    """Place among the wrappers over a driver, from the outermost, 0."""
+    """Rank among the wrappers around a driver, from the outermost, 0; each class has its own."""
 
     def __init__(self, driver: Driver) -> None:
         self.driver = driver
