@@ -20,7 +20,7 @@ import numpy as np
 
 from frenetic import Controls, DriveSetup, EmbeddedSimulator, Observation
 from frenetic.plugins.vision.neural import Dave2
-from frenetic.search.random_search import RandomRoads
+from frenetic.search.random_roads import RandomRoads
 
 
 class TimedDriver:

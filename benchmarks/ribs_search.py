@@ -27,9 +27,11 @@ from frenetic.analysis.features import FEATURES, HEADING_BINS
 from frenetic.analysis.segments import REACH, heading_range
 from frenetic.road import MAP_SIZE
 from frenetic.search import Candidate, Evaluation, Origin
+from frenetic.search.map_check import MapCheck
+from frenetic.search.operator_names import RANDOM
 from frenetic.search.operators import CURVATURE_BOUND
-from frenetic.search.random_search import RANDOM, STEP, MapCheck, RandomRoads
-from frenetic.search.strategy import Ledger, Strategy, options_of
+from frenetic.search.random_roads import STEP, RandomRoads
+from frenetic.search.strategy import Ledger, Strategy, checked_options
 
 ALGORITHMS: Final = ("map-elites", "cma-mae", "cma-es")
 AXES: Final = ("direction_coverage", "max_curvature", "mean_speed", "mean_offset")
@@ -86,7 +88,7 @@ class RibsSearch(Strategy):
         learning_rate: float = 0.1,
         threshold_min: float = -2.0,
     ) -> None:
-        self.options = options_of(locals(), RibsSearch.__init__)
+        self.options = checked_options(locals(), RibsSearch.__init__)
         if algorithm not in ALGORITHMS:
             raise ValueError(f"algorithm must be one of {', '.join(ALGORITHMS)}, got {algorithm!r}")
         self._axes = tuple(FEATURES[name] for name in axes.split(","))

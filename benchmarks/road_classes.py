@@ -38,7 +38,7 @@ from frenetic.campaign import CampaignStore
 from frenetic.oracle.outcome import Outcome
 from frenetic.road import Road
 from frenetic.road.classes import RoadClass, classes
-from frenetic.search.random_search import RandomRoads
+from frenetic.search.random_roads import RandomRoads
 from frenetic.spec import COMPETITION
 
 README = Path(__file__).parents[1] / "README.md"

@@ -48,7 +48,7 @@ from frenetic.oracle.verdict import judge
 from frenetic.plugins.metadrive import MetaDriveExpert, MetaDriveIdm, MetaDriveSimulator
 from frenetic.road import Road
 from frenetic.search import Frenetic
-from frenetic.search.random_search import RandomRoads
+from frenetic.search.random_roads import RandomRoads
 from frenetic.simulators import EmbeddedSimulator, Simulator, Vehicle
 
 AT_ONCE: Final = replace(Vehicle(), steering_rate=20.0, steering_lag=0.01)

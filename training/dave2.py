@@ -54,7 +54,7 @@ from frenetic import (
 from frenetic.drivers.camera import Image
 from frenetic.plugins.vision.neural import METADATA, Convention, Network
 from frenetic.plugins.vision.neural.network import Resizing
-from frenetic.search.random_search import RandomRoads
+from frenetic.search.random_roads import RandomRoads
 
 PRESET: Final = "dave2"
 INPUT_SIZE: Final = (66, 200)

@@ -18,7 +18,8 @@ from frenetic.road.classes import RoadClass
 from frenetic.road.files import entries_of
 from frenetic.road.real_roads import class_of, resampled, shown_class, stretches_of
 from frenetic.search import Frenetic, RandomSearch
-from frenetic.search.random_search import GIVEN, RandomRoads
+from frenetic.search.operator_names import GIVEN
+from frenetic.search.random_roads import RandomRoads
 from frenetic.simulators import EmbeddedSimulator
 
 if TYPE_CHECKING:

@@ -22,7 +22,7 @@ from frenetic.campaign.warm_start import driven_again, read_earlier, still_faili
 from frenetic.drivers import Planner
 from frenetic.oracle.outcome import Outcome
 from frenetic.search import Evaluation, Frenetic, Frenetic2021, RandomSearch
-from frenetic.search.random_search import EARLIER
+from frenetic.search.operator_names import EARLIER
 from frenetic.simulators import EmbeddedSimulator
 
 SIMULATIONS = 60

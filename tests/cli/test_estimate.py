@@ -37,7 +37,7 @@ from frenetic.oracle.verdict import judge
 from frenetic.rerun.estimate import Draws, FailureRate, estimate
 from frenetic.road import Verdict
 from frenetic.road.classes import RoadClass
-from frenetic.search.random_search import RandomRoads
+from frenetic.search.random_roads import RandomRoads
 from frenetic.search.records import Candidate, Evaluation
 from frenetic.search.strategy import SearchEnded
 from frenetic.spec.terms import Terms

@@ -15,7 +15,8 @@ from frenetic._support.arrays import FloatArray
 from frenetic.road import MAP_MARGIN, Road
 from frenetic.road.classes import RoadClass, class_of, classes
 from frenetic.search import Frenetic, Frenetic2021, RandomSearch, Strategy
-from frenetic.search.random_search import RandomRoads, most_frequent
+from frenetic.search.map_check import most_frequent
+from frenetic.search.random_roads import RandomRoads
 
 
 @pytest.mark.parametrize(

@@ -22,8 +22,9 @@ from frenetic.conditions.condition import condition_named, named
 from frenetic.conditions.domain import Domain
 from frenetic.oracle.outcome import Outcome
 from frenetic.road.classes import RoadClass
+from frenetic.search.operator_names import RANDOM
 from frenetic.search.operators import CURVATURE_BOUND
-from frenetic.search.random_search import RANDOM, RandomRoads
+from frenetic.search.random_roads import RandomRoads
 from frenetic.search.records import Candidate, Origin
 from frenetic.spec.terms import DriveSetting
 

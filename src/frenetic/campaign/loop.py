@@ -31,7 +31,7 @@ from frenetic.oracle.outcome import Outcome
 from frenetic.oracle.verdict import is_drivers
 from frenetic.processes.forks import one_process
 from frenetic.processes.interrupt import Interrupt
-from frenetic.search.random_search import most_frequent
+from frenetic.search.map_check import most_frequent
 from frenetic.search.records import Candidate
 from frenetic.search.strategy import SearchEnded, Strategy, has_own
 from frenetic.spec import Budget

@@ -34,7 +34,7 @@ from frenetic.road.files import find_roads
 from frenetic.road.real_roads import fitting, step_of, stretches_of
 from frenetic.search.approach import nearest_square
 from frenetic.search.archive import critical_places
-from frenetic.search.random_search import EARLIER, GIVEN
+from frenetic.search.operator_names import EARLIER, GIVEN
 from frenetic.search.records import Candidate, Evaluation, Origin, SourceTest
 from frenetic.spec.terms import DriveSetting
 

@@ -220,7 +220,7 @@ def _of_map(
     from frenetic.errors import RoadError
     from frenetic.road import Verdict
     from frenetic.road.files import read_stretches
-    from frenetic.search.random_search import TO_GO_ON
+    from frenetic.search.continuations import MIN_REST_TIME
     from frenetic.simulators.conditions import rules_in
 
     spec, folder = options.trusted(options.over(Spec(), has_roads=False))
@@ -230,7 +230,7 @@ def _of_map(
         def behind(place: float) -> Asked | None:
             rules = rules_in(spec.conditions, spec.rules)
             rest_limits = rules.speed_limits_on(stretch.road)[:, 1]
-            if stretch.road.length - place < TO_GO_ON * float(rest_limits.max()) / 3.6:
+            if stretch.road.length - place < MIN_REST_TIME * float(rest_limits.max()) / 3.6:
                 return None
             try:
                 (rest,) = road_map.stretches(stretch.behind(place), lane=lane)

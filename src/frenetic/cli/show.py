@@ -377,7 +377,7 @@ def _draw(store: CampaignStore, test: Test) -> str:
 def _origin(store: CampaignStore, test: Test) -> str:
     """Return the operator that made a test's road, from which roads, and the generation."""
     from frenetic.campaign.warm_start import driven_again
-    from frenetic.search.random_search import EARLIER, GIVEN
+    from frenetic.search.operator_names import EARLIER, GIVEN
 
     origin, notes = test.candidate.origin, test.candidate.notes
     source = origin.operator

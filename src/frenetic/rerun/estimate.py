@@ -47,7 +47,8 @@ from frenetic.rerun.importance_sampling import (
     WeightedDrives,
     standard_normal_shares,
 )
-from frenetic.search.random_search import RANDOM, RandomRoads
+from frenetic.search.operator_names import RANDOM
+from frenetic.search.random_roads import RandomRoads
 from frenetic.search.records import Candidate, Evaluation, Origin
 from frenetic.search.strategy import Ledger, SearchEnded, Strategy
 from frenetic.spec import Budget
@@ -272,7 +273,7 @@ class Draws(Strategy):
     def _candidate(self, conditions: FloatArray) -> Candidate:
         """Return a random road, possibly invalid, in these conditions."""
         roads = self._roads
-        numbers = standard_normal_shares(self._rng.standard_normal(roads.numbers))
+        numbers = standard_normal_shares(self._rng.standard_normal(roads.max_uniforms))
         rng = np.random.default_rng(int(self._rng.integers(2**62)))
         values = roads.draw_once(rng, numbers)
         amounts = self._domain.at(

@@ -14,9 +14,6 @@ if TYPE_CHECKING:
     from frenetic.conditions.domain import Domain
     from frenetic.search.records import Candidate
 
-CONDITIONS: Final = "conditions"
-"""The operator of a road in other conditions."""
-
 # All values are ours.
 _SMALL_DEVIATION: Final = 0.08  # of a small change, in shares of the domain's drives
 _LARGE_DEVIATION: Final = 0.25  # of a large change, in shares of the domain's drives

@@ -19,31 +19,29 @@ from frenetic.road import profile
 from frenetic.road.classes import RoadClass
 from frenetic.search.approach import SIZE
 from frenetic.search.archive import LEFT, RIGHT, Archive, critical_places
-from frenetic.search.conditions import CONDITIONS, changed, drawn, inherited
+from frenetic.search.conditions import changed, drawn, inherited
+from frenetic.search.continuations import RoadContinuations
 from frenetic.search.earlier_roads import EarlierRoads
 from frenetic.search.failing import FailureModel
 from frenetic.search.known_failures import NOTHING
+from frenetic.search.map_check import MapCheck, RoadCheck
 from frenetic.search.operator_choice import OperatorChoice
+from frenetic.search.operator_names import CONDITIONS, EARLIER, GIVEN
 from frenetic.search.operators import MIN_VALUES
 from frenetic.search.parents import ParentPool
 from frenetic.search.prediction import Foresight, ForesightTrial, promise_of
 from frenetic.search.proposed import ProposedRoads
-from frenetic.search.random_search import (
-    EARLIER,
-    GIVEN,
+from frenetic.search.random_roads import (
     LENGTH_JITTER,
     MAX_LENGTH,
-    MapCheck,
     RandomRoads,
-    RoadCheck,
-    RoadContinuations,
     Size,
     size_and_step,
     usual_length,
 )
 from frenetic.search.records import Candidate, Evaluation, Origin
 from frenetic.search.speed_model import SpeedModel
-from frenetic.search.strategy import Ledger, Strategy, options_of
+from frenetic.search.strategy import Ledger, Strategy, checked_options
 from frenetic.search.variation import MIRROR, OPERATORS, PARAMETERS, SPLICE, draw_child
 
 # All values are ours; research/search.md measures `_FRESH_SHARE` and `_RUN_UP_TIME`.
@@ -122,8 +120,8 @@ class Frenetic(Strategy):
 
     *Real roads* (`start_from`, too): stretches of them are driven first, as they are.
 
-    *Road classes*: roads are as long as the class says; behind a place where the car left its lane
-    the drive goes on, see `frenetic.search.random_search.RoadContinuations`.
+    *Road classes*: roads are as long as the class says. The rest of a road, after the place where
+    the car left its lane, is the next test, see `frenetic.search.continuations.RoadContinuations`.
 
     `Frenetic2021` is the search of the paper.
 
@@ -170,7 +168,7 @@ class Frenetic(Strategy):
         foresight: Foresight | None = None,
     ) -> None:
         map_size, step = size_and_step(map_size, step, road_class)
-        self.options = options_of(locals(), Frenetic.__init__)
+        self.options = checked_options(locals(), Frenetic.__init__)
         self.road_class, self.domain = road_class, domain
         self._rng = np.random.default_rng(seed)
         self._foresight = foresight
@@ -180,12 +178,12 @@ class Frenetic(Strategy):
         self._usual_length = max(min(int(_ROAD_PER_MAP * map_size / step), max_length), MIN_VALUES)
         if road_class is not None:
             self._usual_length = usual_length(road_class)
-        self._is_valid = MapCheck(map_size, is_valid, road_class)
+        self._map_check = MapCheck(map_size, is_valid, road_class)
         self._roads = RandomRoads(
             map_size=(self._usual_length + 0.5) * step,
             step=step,
             max_length=self._usual_length,
-            is_valid=self._is_valid,
+            is_valid=self._map_check,
             max_redraws=_REDRAWS,
             road_class=road_class,
         )
@@ -193,7 +191,7 @@ class Frenetic(Strategy):
         if road_class is not None:
             self._run_up = road_class.design_speed / 3.6 * _RUN_UP_TIME
         self._room = np.empty(self._usual_length + LENGTH_JITTER + _MORE_VALUES)
-        self._ledger, self._rests = Ledger(), RoadContinuations(road_class)
+        self._ledger, self._continuations = Ledger(), RoadContinuations(road_class)
         self._archive = Archive()
         self._model = SpeedModel(self._rng)
         self._faults: set[Fault] = set()  # of the driver
@@ -213,7 +211,7 @@ class Frenetic(Strategy):
 
         An `is_valid` of your own stays as it is.
         """
-        self._is_valid.keep_map_margin(map_margin)
+        self._map_check.keep_map_margin(map_margin)
 
     def require_valid_roads(self) -> None:
         """Refuse options with which no road is valid, see `RandomRoads.require_valid_roads`."""
@@ -235,7 +233,7 @@ class Frenetic(Strategy):
 
     def ask(self) -> Candidate:
         """Return the next road to try."""
-        rest = self._rests.issue(self._ledger)
+        rest = self._continuations.issue(self._ledger)
         if rest is not None:
             return rest
         if self._real_roads:
@@ -258,7 +256,7 @@ class Frenetic(Strategy):
 
         """
         candidate = self._ledger.settle(evaluation)
-        self._rests.see(candidate, evaluation)
+        self._continuations.remember_failure(candidate, evaluation)
         asked = self._children.pop(candidate.id, None)
         self._archive.settle(candidate.id)
         self._budget_spent = max(self._budget_spent, evaluation.budget_spent)
@@ -446,7 +444,7 @@ class Frenetic(Strategy):
             if k < 0:
                 return
             curvatures, operator = self._room[:n].copy(), int(operators[first + k])
-            if curvatures not in self._proposed and self._is_valid(curvatures, step):
+            if curvatures not in self._proposed and self._map_check(curvatures, step):
                 fields = self._inherited(parent, curvatures, moved * step)
                 child_side = opposite if operator == MIRROR else side
                 yield _Child(row, operator, curvatures, fields, child_side, expected.copy())

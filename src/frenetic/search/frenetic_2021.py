@@ -15,6 +15,8 @@ from frenetic._support.arrays import FloatArray
 from frenetic._support.bounds import Count, Finite, Index, Positive, Share
 from frenetic.oracle.outcome import Outcome
 from frenetic.road.classes import RoadClass
+from frenetic.search.continuations import RoadContinuations
+from frenetic.search.map_check import RoadCheck
 from frenetic.search.operators import (
     CURVATURE_BOUND,
     FAIL_OPERATORS,
@@ -26,18 +28,16 @@ from frenetic.search.operators import (
     mix,
     splice,
 )
-from frenetic.search.random_search import (
+from frenetic.search.random_roads import (
     LENGTH_JITTER,
     MAX_LENGTH,
     Jitter,
     RandomRoads,
-    RoadCheck,
-    RoadContinuations,
     Size,
     size_and_step,
 )
 from frenetic.search.records import Candidate, Evaluation, Origin
-from frenetic.search.strategy import Ledger, Strategy, options_of
+from frenetic.search.strategy import Ledger, Strategy, checked_options
 
 _MIX, _SPLICE = "C1", "C2"
 _UNCOUNTED = frozenset({"F1", _MIX, _SPLICE})
@@ -172,7 +172,7 @@ class Frenetic2021(Strategy):
         road_class: RoadClass | None = None,
     ) -> None:
         map_size, step = size_and_step(map_size, step, road_class)
-        self.options = options_of(locals(), Frenetic2021.__init__)
+        self.options = checked_options(locals(), Frenetic2021.__init__)
         ranges = ("changed", min_changed, max_changed), ("scale", min_scale, max_scale)
         for name, low, high in ranges:
             if low > high:
@@ -205,7 +205,7 @@ class Frenetic2021(Strategy):
             max_scale=max_scale,
         )
         self._ledger = Ledger()
-        self._rests = RoadContinuations(road_class)
+        self._continuations = RoadContinuations(road_class)
         self._budget_spent = 0.0
         self._has_driven = False
         self._tests_since_crossover = 0
@@ -228,7 +228,7 @@ class Frenetic2021(Strategy):
 
     def ask(self) -> Candidate:
         """Return the next road to try."""
-        return self._rests.issue(self._ledger) or next(self._proposals)
+        return self._continuations.issue(self._ledger) or next(self._proposals)
 
     def tell(self, evaluation: Evaluation) -> None:
         """Learn the result of a candidate.
@@ -238,7 +238,7 @@ class Frenetic2021(Strategy):
 
         """
         candidate = self._ledger.settle(evaluation)
-        self._rests.see(candidate, evaluation)
+        self._continuations.remember_failure(candidate, evaluation)
         siblings = self._failed_siblings.pop(candidate.id, None)
         if self._counts(evaluation):
             self._tests_since_crossover += 1

@@ -210,7 +210,7 @@ class Ledger:
         return self._outstanding.pop(candidate_id)
 
 
-def options_of(
+def checked_options(
     arguments: Mapping[str, Any], init: Callable[..., None]
 ) -> dict[str, int | float | str | bool]:
     """Return the plain options among the arguments of an ``__init__``, for a campaign's record.

@@ -13,7 +13,7 @@ import numpy as np
 
 from frenetic.drivers import Controls, DriveSetup, Observation
 from frenetic.road import Pose, Road
-from frenetic.search.random_search import RandomRoads
+from frenetic.search.random_roads import RandomRoads
 from frenetic.simulators import Drive
 
 STRAIGHT = Road(np.zeros(21), pose=Pose(100.0, 10.0, 1.5))

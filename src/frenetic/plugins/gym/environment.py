@@ -24,7 +24,7 @@ from frenetic.oracle.verdict import RUNNING
 from frenetic.plugins.gym.cars import START, STEP, WAIT, Cars, Seen, checked_actions
 from frenetic.road import MAP_SIZE, Road
 from frenetic.road.files import find_roads
-from frenetic.search.random_search import RandomRoads
+from frenetic.search.random_roads import RandomRoads
 from frenetic.simulators import Drive, EmbeddedSimulator
 
 Vector = npt.NDArray[np.float32]

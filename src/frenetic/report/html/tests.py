@@ -22,8 +22,7 @@ from frenetic.report.failures import FAILURES, file_stem
 from frenetic.report.minimised import MINIMISED, minimised_drives
 from frenetic.report.orientation import turn_of
 from frenetic.road import Road, profile
-from frenetic.search.operators import DOES
-from frenetic.search.random_search import RANDOM
+from frenetic.search.operator_names import OPERATOR_DESCRIPTIONS, RANDOM
 from frenetic.search.records import Origin
 
 RATE: Final = 10.0
@@ -192,7 +191,8 @@ def drive_data(
 
 def _origin_text(origin: Origin) -> str:
     parents = f" of {' and '.join(map(str, origin.parents))}" if origin.parents else ""
-    does = f": {DOES[origin.operator]}" if origin.operator in DOES else ""
+    description = OPERATOR_DESCRIPTIONS.get(origin.operator)
+    does = f": {description}" if description else ""
     return f"{origin.operator}{parents}{does}; generation {origin.generation}"
 
 
