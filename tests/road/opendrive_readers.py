@@ -22,7 +22,7 @@ from frenetic._support.arrays import FloatArray
 from frenetic.road import Road, profile
 from frenetic.search.operators import (
     FAIL_OPERATORS,
-    LISTING_1,
+    PAPER_OPTIONS,
     PASS_OPERATORS,
     mix,
     random_curvatures,
@@ -38,7 +38,7 @@ def varied_roads() -> dict[str, Road]:
     mother, father = random_curvatures(rng, 25), random_curvatures(rng, 18)
     searched = {f"random {n}": random_curvatures(rng, n) for n in (2, 3, 8, 15, 20, 25, 30, 35)}
     for name, change in PASS_OPERATORS.items():
-        mutant = change(rng, mother, LISTING_1)
+        mutant = change(rng, mother, PAPER_OPTIONS)
         assert mutant is not None
         searched[name] = mutant
     searched |= {name: change(mother) for name, change in FAIL_OPERATORS.items()}
