@@ -1,15 +1,15 @@
 """Distinct failures: clusters of failures that are the same problem.
 
-Average linkage (UPGMA on the square of the difference, see `frenetic.analysis.failures`) clusters
-the failures of each side of the lane. The root mean square difference within a cluster is at most
-2 m, half a lane. Equal failures count once, so order and repetitions of the failures do not matter;
-the number of clusters follows from the failures.
+Failures on different sides of the lane, or by different criteria, are different problems. Those of
+one side and criterion are clustered by average linkage (UPGMA) on the square of their difference,
+see `frenetic.analysis.failures`. Clusters are joined while the root mean square difference between
+their members is at most 2 m, half a lane. Equal failures count once, so order and repetitions of
+the failures do not matter.
 
 Faults of the driver, such as exceptions, are the same problem if the same line raised, whatever the
 road. They come first.
 
-Distinct failures share a *cause* if most of their members have the same one, see
-`frenetic.analysis.causes`.
+A distinct failure has the most frequent *cause* of its members, see `frenetic.analysis.causes`.
 
 The nearest misses are the passing tests of lowest MOOBD, clustered in the same way, relative to the
 place where the car came nearest to its lane's edge.
@@ -42,20 +42,16 @@ from frenetic.campaign.warm_start import read_earlier
 from frenetic.errors import Fault
 from frenetic.oracle.outcome import Outcome
 from frenetic.oracle.verdict import Side
-from frenetic.search.approach import (
-    ALIKE,
-    SIZE,
-    is_near,
-)
+from frenetic.search.approach import ALIKE, SIZE, is_near
 from frenetic.search.archive import SIDES, critical_places
 from frenetic.search.records import Evaluation
 
 IntArray = npt.NDArray[np.int64]
 
 THRESHOLD: Final = ALIKE
-"""Largest root mean square difference within a cluster, in m."""
+"""Largest root mean square difference at which two clusters are joined, in m."""
 BATCH: Final = 3000
-"""Failures that are linked at a time; memory and time grow with the square."""
+"""Most failures that are linked at a time (our choice); memory and time grow with the square."""
 COMPARED: Final = 10_000
 """Most failures of a campaign that are compared with each other, the most severe first."""
 LISTED: Final = 10
@@ -63,9 +59,14 @@ LISTED: Final = 10
 NEAR_MISSES: Final = 5
 """Default number of distinct near misses that are listed and drawn."""
 
-_MOSTLY: Final = 0.75  # share of a cause's failures in bends to one side, for "mostly"; ours
-_NEARLY_ALL: Final = 0.95  # share from which on the side needs no "mostly"; ours
-_PASSES_COMPARED: Final = 500, COMPARED  # passing tests; the second if the first are too few
+_MOST: Final = 0.75
+"""Least share of a cause's failures in bends to one side for "mostly" (our choice)."""
+_NEARLY_ALL: Final = 0.95
+"""Share above which the text names the side without "mostly" (our choice)."""
+_PASSES_COMPARED: Final = 500, COMPARED
+"""Numbers of passing tests that are compared: the second if the first gives too few near misses."""
+_SAME_SQUARE: Final = 1e-9
+"""Difference of two square distances that a rounding error can make, in m²."""
 
 
 @dataclass(frozen=True)
@@ -77,7 +78,7 @@ class Cluster:
     most_severe: int
     """Id of the failure with the lowest MOOBD."""
     typical: int
-    """Id of the medoid: of the failures with the most frequent cause, the least different one."""
+    """Id of the failure nearest to the cluster's mean, among those with the most frequent cause."""
     moobd: float
     """Lowest MOOBD, in m."""
     side: Side | None
@@ -87,11 +88,10 @@ class Cluster:
     description: str
     """Description of the most severe failure, in one phrase."""
     was_known: bool | None = None
-    """Whether the campaign started from an earlier one that holds a failure like one of these;
-    None if it started afresh."""
+    """Whether an earlier campaign, from which the campaign started, holds a failure like one of
+    these; None if the campaign started afresh."""
     failure: Failure | None = field(default=None, repr=False, compare=False)
     """Most severe failure, for its picture."""
-
     cause: Cause | None = None
     """Most frequent cause of the failures; None for a fault or a near miss."""
 
@@ -141,24 +141,21 @@ class Clusters:
 
     clusters: tuple[Cluster, ...]
     threshold: float
-    """Largest root mean square difference within a cluster, in m."""
+    """Largest root mean square difference at which clusters were joined, in m."""
 
     def __len__(self) -> int:
         return len(self.clusters)
 
     def __repr__(self) -> str:
         """Return the numbers of distinct failures and failures."""
-        clusters, failures = (
-            counted(len(self), "distinct failure"),
-            counted(self.failures, "failure"),
-        )
-        return f"<Clusters: {clusters} among {failures}>"
+        distinct = counted(len(self), "distinct failure")
+        return f"<Clusters: {distinct} among {counted(self.failures, 'failure')}>"
 
     def __iter__(self) -> Iterator[Cluster]:
         return iter(self.clusters)
 
-    def __getitem__(self, place: int) -> Cluster:
-        return self.clusters[place]
+    def __getitem__(self, index: int) -> Cluster:
+        return self.clusters[index]
 
     @property
     def failures(self) -> int:
@@ -168,9 +165,10 @@ class Clusters:
     @cached_property
     def causes(self) -> tuple[CauseGroup, ...]:
         """Causes of the failures: faults of the driver first, then by number of failures."""
-        groups: dict[object, list[Cluster]] = {}
+        groups: dict[Cause | Fault, list[Cluster]] = {}
         for cluster in self.clusters:
-            cause = cluster.cause._replace(bends=None) if cluster.cause else cluster.fault
+            # Left-hand and right-hand bends are one cause; the text says which.
+            cause = cluster.cause._replace(bend_side=None) if cluster.cause else cluster.fault
             if cause:
                 groups.setdefault(cause, []).append(cluster)
         causes = [CauseGroup(_cause_words(group), tuple(group)) for group in groups.values()]
@@ -195,16 +193,16 @@ class Clusters:
 
 def _cause_words(clusters: list[Cluster]) -> str:
     """Return the cause in words of clusters with the same fault or kind of cause."""
-    first, *_ = clusters
+    first = clusters[0]
     if first.cause is None:
         return str(first.fault)
-    kind, _, criterion = first.cause
-    sides = Counter[Side | None]()
+    kind, criterion = first.cause.kind, first.cause.criterion
+    failures_by_side = Counter[Side | None]()
     for cluster in clusters:
-        sides[cluster.cause and cluster.cause.bends] += len(cluster)
-    side, most = sides.most_common(1)[0]
-    share = most / sides.total()
-    if side is None or share < _MOSTLY:
+        failures_by_side[cluster.cause and cluster.cause.bend_side] += len(cluster)
+    side, failures = failures_by_side.most_common(1)[0]
+    share = failures / failures_by_side.total()
+    if side is None or share < _MOST:
         return as_text(kind, None, criterion)
     if share > _NEARLY_ALL:
         return as_text(kind, side, criterion)
@@ -214,8 +212,8 @@ def _cause_words(clusters: list[Cluster]) -> str:
 def distinct_failures(store: CampaignStore, limit: int | None = COMPARED) -> Clusters:
     """Return the distinct failures of a campaign.
 
-    If the campaign started from earlier ones, a distinct failure is known if it holds a failure
-    that differs by at most `THRESHOLD` from a failure of these.
+    If the campaign started from earlier campaigns, a distinct failure was known if one of its
+    failures differs by less than `THRESHOLD` from a failure of the earlier campaigns.
 
     Args:
         store: the campaign.
@@ -228,7 +226,7 @@ def distinct_failures(store: CampaignStore, limit: int | None = COMPARED) -> Clu
 
 
 def distinct_among(store: CampaignStore, failures: Sequence[Failure]) -> Clusters:
-    """Return the distinct ones among failures of a campaign, see `distinct_failures`.
+    """Return the distinct failures among some failures of a campaign, see `distinct_failures`.
 
     Raises:
         CampaignError: the campaign is damaged.
@@ -240,17 +238,25 @@ def distinct_among(store: CampaignStore, failures: Sequence[Failure]) -> Cluster
         for test in read_earlier(store)
         if test.outcome is Outcome.FAIL
     ]
-    return _with_known(clusters, failures, earlier) if earlier else clusters
+    return _mark_known(clusters, failures, earlier) if earlier else clusters
 
 
-def _with_known(
+def _mark_known(
     clusters: Clusters, failures: Iterable[Failure], earlier: Iterable[Evaluation]
 ) -> Clusters:
+    """Return clusters marked whether one of their failures is near an earlier failure.
+
+    Args:
+        clusters: clusters of the failures.
+        failures: failures of the campaign.
+        earlier: failed tests of earlier campaigns.
+    """
+    # The first critical place is where the drive failed; its severity does not matter here.
     places = [critical_places(evaluation, evaluation.candidate, 0.0)[0] for evaluation in earlier]
-    vectors = {
-        side: [place.vector for place in places if place.side == SIDES[side]] for side in SIDES
+    earlier_vectors = {
+        side: np.array([place.vector for place in places if place.side == number]).reshape(-1, SIZE)
+        for side, number in SIDES.items()
     }
-    earlier_vectors = {side: np.array(rows).reshape(-1, SIZE) for side, rows in vectors.items()}
     known = {
         failure.id
         for failure in failures
@@ -263,12 +269,12 @@ def _with_known(
 def nearest_misses(store: CampaignStore, number: int = NEAR_MISSES) -> Clusters:
     """Return the distinct near misses of a campaign: passing tests, by lowest MOOBD.
 
-    Near misses are clustered as failures are: the 500 passing tests of lowest MOOBD or, if these
-    hold too few distinct ones, 10 000.
+    The 500 passing tests of lowest MOOBD are clustered as failures are. If they give fewer than
+    `number` clusters, the 10 000 passing tests of lowest MOOBD are clustered.
 
     Args:
         store: the campaign.
-        number: most near misses to return; fewer where there are fewer distinct ones.
+        number: most near misses to return.
 
     Raises:
         CampaignError: the campaign is damaged.
@@ -288,10 +294,10 @@ def nearest_misses(store: CampaignStore, number: int = NEAR_MISSES) -> Clusters:
 def representative_failures(
     store: CampaignStore, number: int = LISTED, *, clusters: Clusters | None = None
 ) -> list[Test]:
-    """Return the most telling failures: an example of each cause, then others.
+    """Return representative failures: a typical failure of each cause, then the most severe ones.
 
-    The others are the most severe failures of distinct failures without an example, the worst
-    first. The tests come without their trajectories.
+    The latter are the most severe failures of the distinct failures that have no typical failure
+    in the list, the worst first. The tests come without their trajectories.
 
     Args:
         store: the campaign.
@@ -306,19 +312,20 @@ def representative_failures(
     examples = [cause.example for cause in clusters.causes]
     with_example = [clusters.of(example) for example in examples]
     others = [cluster.most_severe for cluster in clusters if cluster not in with_example]
-    return [store.test(i, with_trajectory=False) for i in [*examples, *others][:number]]
+    ids = [*examples, *others][:number]
+    return [store.test(test_id, with_trajectory=False) for test_id in ids]
 
 
 def cluster_failures(failures: Iterable[Failure], *, threshold: float = THRESHOLD) -> Clusters:
-    """Return the distinct failures, by the rule in this module's text.
+    """Return the distinct failures, by the rules in this module's docstring.
 
     If a side has more than `BATCH` different failures, the most severe ones are linked first. Each
-    other failure joins the cluster to whose members its root mean square difference is least, if
-    that is at most the threshold. The rest are linked in turn.
+    other failure joins the cluster from whose members its root mean square difference is least, if
+    that difference is at most the threshold. The next `BATCH` of the remaining failures follow.
 
     Args:
         failures: failures in any order, each id once.
-        threshold: largest root mean square difference within a cluster, in m.
+        threshold: largest root mean square difference at which clusters are joined, in m.
 
     Raises:
         ValueError: the threshold is not a positive number, or two failures have the same id.
@@ -329,11 +336,12 @@ def cluster_failures(failures: Iterable[Failure], *, threshold: float = THRESHOL
     for failure, following in pairwise(listed):
         if failure.id == following.id:
             raise ValueError(f"failure {failure.id} is there twice: give each failure once")
-    kinds: dict[tuple[Side | None, Fault | None, str | None], list[Failure]] = {}
+    # Only failures of one group can be the same problem.
+    groups: dict[tuple[Side | None, Fault | None, str | None], list[Failure]] = {}
     for failure in listed:
-        kinds.setdefault((failure.side, failure.fault, failure.criterion), []).append(failure)
+        groups.setdefault((failure.side, failure.fault, failure.criterion), []).append(failure)
     clusters: list[Cluster] = []
-    for (_, fault, _), members in kinds.items():
+    for (_, fault, _), members in groups.items():
         vectors = np.array([failure.vector() for failure in members])
         moobds = np.array([failure.moobd for failure in members])
         labels = _labels(vectors, moobds, threshold) if fault is None else np.zeros_like(moobds)
@@ -345,12 +353,13 @@ def cluster_failures(failures: Iterable[Failure], *, threshold: float = THRESHOL
 
 
 def _cluster(members: list[Failure], vectors: FloatArray) -> Cluster:
+    """Return the cluster of some failures with their (n, 64) vectors."""
     squares = ((vectors - vectors.mean(axis=0)) ** 2).sum(axis=1)
     cause = Counter(failure.cause for failure in members).most_common(1)[0][0]
     has_cause = np.array([failure.cause == cause for failure in members])
-    # Sums of squares of mirror images or doubles differ by rounding errors: take the first member.
-    is_least = squares <= squares[has_cause].min() + 1e-9
-    typical = members[int(np.flatnonzero(is_least & has_cause)[0])]
+    # Squares of mirror images or doubles differ by rounding errors: the first of them is typical.
+    is_nearest = squares <= squares[has_cause].min() + _SAME_SQUARE
+    typical = members[int(np.flatnonzero(is_nearest & has_cause)[0])]
     worst = min(members, key=lambda failure: (failure.moobd, failure.id))
     return Cluster(
         ids=tuple(failure.id for failure in members),
@@ -366,51 +375,64 @@ def _cluster(members: list[Failure], vectors: FloatArray) -> Cluster:
 
 
 def _labels(vectors: FloatArray, moobds: FloatArray, threshold: float) -> IntArray:
-    """Return the number of the cluster of each of (n, m) vectors, (n,), from 0 without a gap."""
-    shapes, shape_of = np.unique(vectors + 0.0, axis=0, return_inverse=True)  # no negative zeros
-    shape_of = shape_of.ravel()
-    worst = np.full(len(shapes), np.inf)
-    np.minimum.at(worst, shape_of, moobds)
-    labels = np.full(len(shapes), -1, dtype=np.int64)
-    waiting = np.argsort(worst, kind="stable")
+    """Return the number of the cluster of each of (n, m) vectors, (n,), from 0 without a gap.
+
+    Args:
+        vectors: (n, m) vectors of failures.
+        moobds: (n,) MOOBDs of the failures; the lowest are linked first.
+        threshold: see `cluster_failures`.
+    """
+    # Adding 0 makes negative zeros positive, so that equal vectors have equal bytes.
+    different, row_of = np.unique(vectors + 0.0, axis=0, return_inverse=True)
+    row_of = row_of.ravel()
+    lowest = np.full(len(different), np.inf)
+    np.minimum.at(lowest, row_of, moobds)
+    labels = np.full(len(different), -1, dtype=np.int64)
+    waiting = np.argsort(lowest, kind="stable")
     while len(waiting):
         # Sorted, so that ties do not depend on the order of the failures.
         batch, waiting = np.sort(waiting[:BATCH]), waiting[BATCH:]
-        first = labels.max() + 1
-        linked = _link(shapes[batch], threshold)
-        labels[batch] = first + linked
-        nearest = _nearest_cluster(shapes[waiting], shapes[batch], linked, threshold)
-        fits = nearest >= 0
-        labels[waiting[fits]] = first + nearest[fits]
-        waiting = waiting[~fits]
-    vector_labels: IntArray = labels[shape_of]
+        first_label = labels.max() + 1
+        linked = _link(different[batch], threshold)
+        labels[batch] = first_label + linked
+        nearest = _nearest_cluster(different[waiting], different[batch], linked, threshold)
+        joins = nearest >= 0
+        labels[waiting[joins]] = first_label + nearest[joins]
+        waiting = waiting[~joins]
+    vector_labels: IntArray = labels[row_of]
     return vector_labels
 
 
-def _link(shapes: FloatArray, threshold: float) -> IntArray:
-    """Return the number of the cluster of each of (n, m) different vectors, (n,)."""
-    from scipy.cluster.hierarchy import fcluster, linkage  # takes its time
+def _link(vectors: FloatArray, threshold: float) -> IntArray:
+    """Return the number of the cluster of each of (n, m) different vectors, (n,), from 0."""
+    from scipy.cluster.hierarchy import fcluster, linkage  # slow to import
     from scipy.spatial.distance import pdist
 
-    if len(shapes) == 1:
+    if len(vectors) == 1:
         return np.zeros(1, dtype=np.int64)
-    tree = linkage(pdist(shapes, "sqeuclidean"), "average")
-    return fcluster(tree, threshold**2, "distance").astype(np.int64) - 1
+    tree = linkage(pdist(vectors, "sqeuclidean"), "average")
+    return fcluster(tree, threshold**2, "distance").astype(np.int64) - 1  # scipy counts from 1
 
 
 def _nearest_cluster(
-    vectors: FloatArray, shapes: FloatArray, labels: IntArray, threshold: float
+    vectors: FloatArray, members: FloatArray, labels: IntArray, threshold: float
 ) -> IntArray:
-    """Return the nearest cluster of each of (k, m) vectors, (k,); -1 beyond the threshold.
+    """Return the cluster nearest to each of (k, m) vectors, (k,); -1 beyond the threshold.
 
-    The mean square difference from the members is the square difference from their mean plus their
-    variance.
+    The mean square difference of a vector from a cluster's members is its square difference from
+    their mean plus their variance.
+
+    Args:
+        vectors: (k, m) vectors without a cluster.
+        members: (n, m) vectors of the clusters' members.
+        labels: (n,) numbers of the members' clusters.
+        threshold: see `cluster_failures`.
     """
     counts = np.bincount(labels)
-    means = np.zeros((len(counts), shapes.shape[1]))
-    np.add.at(means, labels, shapes)
+    means = np.zeros((len(counts), members.shape[1]))
+    np.add.at(means, labels, members)
     means /= counts[:, None]
-    variances = np.bincount(labels, ((shapes - means[labels]) ** 2).sum(axis=1)) / counts
+    variances = np.bincount(labels, ((members - means[labels]) ** 2).sum(axis=1)) / counts
     nearest = np.full(len(vectors), -1, dtype=np.int64)
     for i, vector in enumerate(vectors):
         squares = ((means - vector) ** 2).sum(axis=1) + variances

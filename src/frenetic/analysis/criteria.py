@@ -2,36 +2,58 @@
 
 from __future__ import annotations
 
+import math
+from typing import Final
+
 import numpy as np
 
 from frenetic.campaign.store import CampaignStore
 
+_STRAIGHT: Final = 1e-4
+"""Curvature up to which a road counts as straight, in 1/m: a radius of 10 km (our choice)."""
+
 
 def criteria_text(store: CampaignStore) -> str:
-    """Return the criteria beside the lane's, and what was driven, in words; empty without any.
+    """Return the criteria beside leaving the lane in words, and the time, speeds and radii driven.
+
+    The text is empty without such criteria.
 
     Raises:
         CampaignError: the campaign is damaged.
     """
-    profile = store.setting.rules.criteria
-    if not profile:
+    criteria = store.setting.rules.criteria
+    if not criteria:
         return ""
-    time, speeds, sharpest = 0.0, [np.inf, 0.0], 0.0
+    parts = [criteria.as_text()]
+    if driven := _driven_text(store, criteria.driven_time):
+        parts.append(driven)
+    if criteria.left_out:
+        parts.append(f"left out: {criteria.left_out}")
+    return "; ".join(parts)
+
+
+def _driven_text(store: CampaignStore, needed_time: float) -> str:
+    """Return the time, speeds and radii that were driven in words; empty without a drive.
+
+    Args:
+        store: the campaign.
+        needed_time: driving time that the criteria ask for, in s.
+    """
+    time, slowest, fastest, sharpest = 0.0, math.inf, 0.0, 0.0
     for test in store.tests(with_trajectory=True, with_repeats=False):
         if test.outcome.is_driven and test.trajectory is not None and len(test.trajectory):
             time += test.result.duration or 0.0
-            # The slowest speed counts only behind the start, where each drive stands.
+            # The car starts at rest: the slowest speed counts once it has half the largest.
             speed = test.trajectory.speed * 3.6
-            begun = speed[int(np.argmax(speed >= 0.5 * speed.max())) :]
-            speeds = [min(speeds[0], float(begun.min())), max(speeds[1], float(speed.max()))]
+            under_way = speed[int(np.argmax(speed >= 0.5 * speed.max())) :]
+            slowest = min(slowest, float(under_way.min()))
+            fastest = max(fastest, float(speed.max()))
             sharpest = max(sharpest, float(np.abs(test.road.curvatures).max()))
-    words = [profile.as_text()]
-    if time > 0.0:
-        least = f", radii from {1.0 / sharpest:.0f} m" if sharpest > 1e-4 else ""
-        text = f"driven for {time / 60.0:.1f} min at {speeds[0]:.0f} to {speeds[1]:.0f} km/h{least}"
-        if time < profile.driven_time:
-            text += f", less than the {profile.driven_time / 60.0:g} min that it asks for"
-        words.append(text)
-    if profile.left_out:
-        words.append(f"left out: {profile.left_out}")
-    return "; ".join(words)
+    if time == 0.0:
+        return ""
+    text = f"driven for {time / 60.0:.1f} min at {slowest:.0f} to {fastest:.0f} km/h"
+    if sharpest > _STRAIGHT:
+        text += f", radii from {1.0 / sharpest:.0f} m"
+    if time < needed_time:
+        text += f", less than the {needed_time / 60.0:g} min that it asks for"
+    return text
