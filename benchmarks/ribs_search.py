@@ -23,8 +23,9 @@ from ribs.archives import GridArchive
 from ribs.emitters import EvolutionStrategyEmitter, IsoLineEmitter
 
 from frenetic._support.arrays import FloatArray
+from frenetic.analysis.bends import heading_range
 from frenetic.analysis.features import FEATURES, HEADING_BINS
-from frenetic.analysis.segments import REACH, heading_range
+from frenetic.analysis.segments import REACH
 from frenetic.road import MAP_SIZE
 from frenetic.search import Candidate, Evaluation, Origin
 from frenetic.search.map_check import MapCheck

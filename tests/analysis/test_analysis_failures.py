@@ -284,13 +284,13 @@ def test_an_unknown_id_has_no_cluster() -> None:
             [0.0, 0.0, 0.0, 0.0, 0.05, 0.05] + [0.0] * 7,
             "right",
             (10.0, 10.0),
-            "leaves to the right 11 m behind a left-hand bend of 20 m radius, at 36 km/h",
+            "leaves to the right 11 m past a left-hand bend of 20 m radius, at 36 km/h",
         ),
         (
             [0.0, 0.0, 0.0, 0.0, 0.0, 0.05, 0.05] + [0.0] * 6,
             "right",
             (10.0, 10.0),
-            "leaves to the right 1 m behind a left-hand bend of 20 m radius, at 36 km/h",
+            "leaves to the right 1 m past a left-hand bend of 20 m radius, at 36 km/h",
         ),
         (
             [0.0, 0.0, 0.0, 0.0, 0.05, 0.05, -0.05, -0.05, 0.0] + [0.0] * 4,

@@ -10,9 +10,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from frenetic.analysis.segments import (
-    BEFORE,
-    BEHIND,
+from frenetic.analysis.bends import (
+    AFTER_BEND,
+    BEFORE_BEND,
     bends_of,
     find_bends,
     place_text,
@@ -61,8 +61,8 @@ def test_a_place_between_two_bends_is_behind_the_first() -> None:
     expected = {
         20.0: "in a left-hand bend of 15 m radius",
         29.0: "at the end of a left-hand bend of 15 m radius",
-        39.0: "10 m behind a left-hand bend of 15 m radius",
-        41.0: "12 m behind a left-hand bend of 15 m radius",
+        39.0: "10 m past a left-hand bend of 15 m radius",
+        41.0: "12 m past a left-hand bend of 15 m radius",
         43.0: "entering a right-hand bend of 33 m radius after a left-hand bend",
     }
     assert {place: place_text(curvatures, 10.0, place) for place in expected} == expected
@@ -81,9 +81,9 @@ def test_a_place_is_described_by_its_bend_or_by_the_last_or_next_bend(
     text, bends = place_text(line, step, place), bends_of(line, step)
     if around := [bend for bend in bends if bend.start <= place <= bend.end]:
         bend, pattern = around[0], "(entering|in|at the end of) a"
-    elif behind := [bend for bend in bends if 0.0 < place - bend.end <= BEHIND]:
-        bend, pattern = behind[-1], r"(just|\d+ m) behind a"
-    elif ahead := [bend for bend in bends if 0.0 < bend.start - place <= BEFORE]:
+    elif behind := [bend for bend in bends if 0.0 < place - bend.end <= AFTER_BEND]:
+        bend, pattern = behind[-1], r"(just|\d+ m) past a"
+    elif ahead := [bend for bend in bends if 0.0 < bend.start - place <= BEFORE_BEND]:
         bend, pattern = ahead[0], r"(just|\d+ m) before a"
     else:
         assert text == "on a straight"

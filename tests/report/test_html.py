@@ -21,9 +21,10 @@ import pytest
 from click.testing import CliRunner
 from html_campaigns import HOSTILE, make_empty, make_hostile, make_refused
 
+from frenetic.analysis.bends import place_text
 from frenetic.analysis.clusters import Cluster, Clusters, distinct_failures, nearest_misses
 from frenetic.analysis.features import FEATURES, features_of
-from frenetic.analysis.segments import place_text, segments_of
+from frenetic.analysis.segments import segments_of
 from frenetic.analysis.statistics import proportion_interval
 from frenetic.campaign import Budget, Campaign, CampaignStore
 from frenetic.campaign.database import DATABASE

@@ -26,7 +26,8 @@ import numpy as np
 import numpy.typing as npt
 
 from frenetic._support.arrays import FloatArray
-from frenetic.analysis.segments import Segment, bend_of_place, bends_of, segment_of
+from frenetic.analysis.bends import bend_of_place, bends_of
+from frenetic.analysis.segments import Segment, segment_of
 from frenetic.criteria.criterion import DRIVER, EDGE_DISTANCE, LANE, signal_named
 from frenetic.oracle.drive import Drive
 from frenetic.oracle.outcome import Outcome

@@ -14,12 +14,9 @@ from typing import Final
 import numpy as np
 
 from frenetic._support.arrays import FloatArray
+from frenetic.analysis.bends import place_text
 from frenetic.analysis.causes import Cause, Kind, as_text, cause_of
-from frenetic.analysis.segments import (
-    Segment,
-    place_text,
-    segment_of_test,
-)
+from frenetic.analysis.segments import Segment, segment_of_test
 from frenetic.campaign.record import Test
 from frenetic.campaign.store import CampaignStore
 from frenetic.criteria.criterion import EDGE_DISTANCE

@@ -12,7 +12,8 @@ from typing import Final, TypeAlias
 import numpy as np
 
 from frenetic._support.arrays import FloatArray
-from frenetic.analysis.segments import Segment, heading_range
+from frenetic.analysis.bends import heading_range
+from frenetic.analysis.segments import Segment
 from frenetic.criteria.criterion import signal_named
 from frenetic.oracle.signals import series
 

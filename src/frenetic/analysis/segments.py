@@ -1,17 +1,16 @@
-"""The segment of a test around the place where the car left its lane, and the bends of a line."""
+"""The segment of a test around the place where the car left its lane."""
 
 from __future__ import annotations
 
-import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
-from itertools import groupby, pairwise
 from typing import Final
 
 import numpy as np
 
 from frenetic._support.arrays import FloatArray
+from frenetic.analysis.bends import Bend, find_bends
 from frenetic.campaign.reader import Order
 from frenetic.campaign.record import Test
 from frenetic.campaign.store import CampaignStore
@@ -32,11 +31,13 @@ class Segment:
     road: Road
     drive: Drive
     place: float
-    """Place where the car left its lane, or else was furthest off, in m along the road."""
+    """Place of the finding, such as where the car left its lane, in m along the road; without a
+    finding, the place where the oob distance was least."""
     side: Side | None
     """Side of the lane on which the car left; None if it stayed."""
     criterion: str | None
-    """Criterion that the drive exceeded at the place, see `frenetic.oracle.Finding`; or None."""
+    """Criterion that the drive exceeded at the place, see `frenetic.oracle.Finding`; None without a
+    finding."""
     start: float
     """Start of the segment, in m along the road."""
     end: float
@@ -50,7 +51,7 @@ class Segment:
 
     @property
     def length(self) -> float:
-        """Length of road, in m."""
+        """Length of the segment along the road, in m."""
         return self.end - self.start
 
     @property
@@ -95,8 +96,9 @@ class Segment:
 def segment_of(road: Road, drive: Drive, finding: Finding | None) -> Segment:
     """Return the segment of a drive around the place of a finding, such as a departure.
 
-    Without a finding, the place is where the oob distance is least. The segment ends with the road,
-    and holds only records between the car's entry and exit.
+    Without a finding, the place is where the oob distance is least. The segment reaches `REACH`
+    before and after the place, but not beyond the road's ends. It holds the records around the
+    place during which the car was within it.
 
     Args:
         road: road with its place on the map.
@@ -111,17 +113,17 @@ def segment_of(road: Road, drive: Drive, finding: Finding | None) -> Segment:
     assessment = assess(road, drive, has_shares=False)
     n = len(assessment.distance)
     if finding is not None:
-        centre = int(np.argmin(np.abs(drive.trajectory.time[:n] - finding.time)))
+        record = int(np.argmin(np.abs(drive.trajectory.time[:n] - finding.time)))
         place = finding.distance
     else:
-        centre = int(np.argmin(assessment.oob_distance))
-        place = float(assessment.distance[centre])
+        record = int(np.argmin(assessment.oob_distance))
+        place = float(assessment.distance[record])
     place = min(max(place, 0.0), road.length)
     start, end = max(place - REACH, 0.0), min(place + REACH, road.length)
     # A record beyond the road's end belongs to the segment that reaches that end.
     along = np.clip(assessment.distance, 0.0, road.length)
-    too_early = np.flatnonzero(along[:centre] < start)
-    too_late = np.flatnonzero(along[centre + 1 :] > end)
+    before_entry = np.flatnonzero(along[:record] < start)
+    after_exit = np.flatnonzero(along[record + 1 :] > end)
     return Segment(
         road=road,
         drive=drive,
@@ -131,13 +133,13 @@ def segment_of(road: Road, drive: Drive, finding: Finding | None) -> Segment:
         start=start,
         end=end,
         assessment=assessment,
-        first=int(too_early[-1]) + 1 if len(too_early) else 0,
-        last=centre + 1 + int(too_late[0]) if len(too_late) else n,
+        first=int(before_entry[-1]) + 1 if len(before_entry) else 0,
+        last=record + 1 + int(after_exit[0]) if len(after_exit) else n,
     )
 
 
 def segment_of_test(test: Test) -> Segment | None:
-    """Return the segment of a stored test; None without records."""
+    """Return the segment of a stored test; None if its drive has no records."""
     if test.drive is None or not len(test.drive.trajectory):
         return None
     return segment_of(test.road, test.drive, test.result.finding)
@@ -151,7 +153,7 @@ def segments_of(
     limit: int | None = None,
     with_repeats: bool = True,
 ) -> Iterator[tuple[Test, Segment]]:
-    """Yield the driven tests of a campaign, each with its segment.
+    """Yield the driven tests of a campaign with their segments; tests without records are left out.
 
     Args:
         store: the campaign.
@@ -163,178 +165,8 @@ def segments_of(
     Raises:
         CampaignError: the campaign is damaged.
     """
-    records = store.tests(outcome, order_by, limit, with_trajectory=True, with_repeats=with_repeats)
-    for record in records:
-        if record.outcome.is_driven and record.drive is not None:
-            yield record, segment_of(record.road, record.drive, record.result.finding)
-
-
-# Bends
-
-GENTLE: Final = 0.005
-"""Curvature below which a road counts as straight, in 1/m: a radius of 200 m; ours."""
-LEAST_TURN: Final = math.radians(10.0)
-"""Least turn of a bend, in rad; ours."""
-
-
-@dataclass(frozen=True)
-class Bend:
-    """Stretch that turns one way, `LEAST_TURN` or more, with a curvature of at least `GENTLE`."""
-
-    start: float
-    """Start, in m along the road."""
-    end: float
-    """End, in m along the road."""
-    turn: float
-    """Turn in rad, positive to the left."""
-    sharpest: float
-    """Largest curvature without its sign, in 1/m."""
-
-    @property
-    def side(self) -> Side:
-        """Direction of the turn."""
-        return "left" if self.turn > 0.0 else "right"
-
-
-def find_bends(
-    distances: FloatArray, curvatures: FloatArray, gentle: float = GENTLE
-) -> tuple[Bend, ...]:
-    """Return the bends of a line, in order.
-
-    Args:
-        distances: (n,) distances along the line in m, increasing.
-        curvatures: (n,) curvatures in 1/m at these distances, linear in between.
-        gentle: curvature in 1/m below which the line counts as straight. With a tenth of `GENTLE`,
-            a tenth of `LEAST_TURN` makes a bend.
-    """
-    s, kappa = _cut(distances, curvatures, (-gentle, gentle))
-    means = [0.5 * (start + end) for start, end in pairwise(kappa)]
-    ways = [math.copysign(1.0, mean) if abs(mean) >= gentle else 0.0 for mean in means]
-    least_turn = LEAST_TURN * gentle / GENTLE
-    bends, last = [], 0
-    for way, pieces in groupby(ways):
-        first, last = last, last + len(list(pieces))
-        if not way:
-            continue
-        turn = float(np.sum([means[i] * (s[i + 1] - s[i]) for i in range(first, last)]))
-        # A rounding error must not decide on a bend of exactly the least turn.
-        if abs(turn) >= least_turn - 1e-9:
-            sharpest = max(map(abs, kappa[first : last + 1]))
-            bends.append(Bend(s[first], s[last], turn, sharpest))
-    return tuple(bends)
-
-
-def heading_range(distances: FloatArray, curvatures: FloatArray) -> tuple[float, float]:
-    """Return the least and the largest heading of a line in rad, from 0 at its start.
-
-    Args:
-        distances: as for `find_bends`.
-        curvatures: as for `find_bends`.
-    """
-    s, kappa = _cut(distances, curvatures, (0.0,))
-    heading = least = most = 0.0
-    for (start, end), (kappa_start, kappa_end) in zip(pairwise(s), pairwise(kappa), strict=True):
-        heading += 0.5 * (kappa_end + kappa_start) * (end - start)
-        least, most = min(least, heading), max(most, heading)
-    return least, most
-
-
-def _cut(
-    distances: FloatArray, curvatures: FloatArray, levels: tuple[float, ...]
-) -> tuple[list[float], list[float]]:
-    """Return distances and curvatures with an extra sample wherever a level is crossed."""
-    s, kappa = distances.tolist(), curvatures.tolist()  # few numbers: faster than arrays
-    for level in levels:
-        for i in range(len(s) - 2, -1, -1):
-            before, after = kappa[i], kappa[i + 1]
-            if (before - level) * (after - level) < 0.0:
-                share = (level - before) / (after - before)
-                s.insert(i + 1, s[i] + share * (s[i + 1] - s[i]))
-                kappa.insert(i + 1, level)
-    return s, kappa
-
-
-# Places in words
-
-BEHIND: Final = 20.0
-"""Distance behind a bend at which a place still belongs to it, in m: a car that a bend throws out
-of its lane has left it up to 13 m behind the bend."""
-BEFORE: Final = 15.0
-"""Distance before a bend at which a place belongs to it, in m: as far ahead as failures are
-compared, see `frenetic.search.approach`."""
-_MENTIONED: Final = 15.0
-"""Length from which on a straight before a bend is mentioned, in m."""
-_STRAIGHT: Final = 1e-4
-"""Curvature below which every road counts as straight, in 1/m: a radius of 10 km."""
-
-
-def bends_of(curvatures: FloatArray, step: float) -> tuple[Bend, ...]:
-    """Return the bends of a whole road, by which places on it are described.
-
-    On a road without sharp bends, such as a motorway, a bend has at least a quarter of the road's
-    largest curvature.
-
-    Args:
-        curvatures: curvatures of the road, (n,) in 1/m.
-        step: distance between two curvatures, in m.
-    """
-    gentle = max(min(GENTLE, 0.25 * float(np.abs(curvatures).max())), _STRAIGHT)
-    return find_bends(np.arange(len(curvatures), dtype=np.float64) * step, curvatures, gentle)
-
-
-def bend_of_place(bends: Sequence[Bend], place: float) -> Bend | None:
-    """Return the bend to which a place belongs; None for a place on a straight.
-
-    The place belongs to the bend in which it lies, else to the last bend that ended up to `BEHIND`
-    before it, else to the next bend that starts up to `BEFORE` after it.
-
-    Args:
-        bends: bends of the road, in order.
-        place: place, in m along the road.
-    """
-    around = [bend for bend in bends if bend.start <= place <= bend.end]
-    behind = [bend for bend in reversed(bends) if 0.0 < place - bend.end <= BEHIND]
-    ahead = [bend for bend in bends if 0.0 < bend.start - place <= BEFORE]
-    return next(iter([*around, *behind, *ahead]), None)
-
-
-def place_text(curvatures: FloatArray, step: float, place: float) -> str:
-    """Return a place of a road in words: ``10 m behind a left-hand bend of 15 m radius``.
-
-    Args:
-        curvatures: curvatures of the whole road, (n,) in 1/m.
-        step: distance between two curvatures, in m.
-        place: place, in m along the road.
-    """
-    bends = bends_of(curvatures, step)
-    bend = bend_of_place(bends, place)
-    if bend is None:
-        return "on a straight"
-    if place > bend.end:
-        part = f"{_gap(place - bend.end)} behind"
-    elif place < bend.start:
-        part = f"{_gap(bend.start - place)} before"
-    else:
-        turned = _turn(curvatures, step, bend.start, place) / bend.turn
-        part = "entering" if turned < 1 / 3 else "in" if turned < 2 / 3 else "at the end of"
-    text = f"{part} a {bend.side}-hand bend of {1.0 / bend.sharpest:.0f} m radius"
-    previous = next((other for other in reversed(bends) if other.end <= bend.start), None)
-    straight_start = max(0.0 if previous is None else previous.end, place - REACH)
-    if bend.start - straight_start >= _MENTIONED:
-        return f"{text} after a straight"
-    if previous is not None and previous.end > place - REACH:
-        return f"{text} after a {previous.side}-hand bend"
-    return text
-
-
-def _gap(distance: float) -> str:
-    """Return a distance from a bend in words."""
-    return "just" if distance < 0.5 else f"{distance:.0f} m"
-
-
-def _turn(curvatures: FloatArray, step: float, start: float, end: float) -> float:
-    """Return the angle in rad by which a road turns between two places, positive to the left."""
-    samples = np.arange(len(curvatures)) * step
-    places = np.concatenate([[start], samples[(samples > start) & (samples < end)], [end]])
-    kappa = np.interp(places, samples, curvatures)
-    return float(np.sum(0.5 * (kappa[1:] + kappa[:-1]) * np.diff(places)))
+    tests = store.tests(outcome, order_by, limit, with_trajectory=True, with_repeats=with_repeats)
+    for test in tests:
+        segment = segment_of_test(test) if test.outcome.is_driven else None
+        if segment is not None:
+            yield test, segment
