@@ -1,9 +1,9 @@
-"""Failures: road and drive before the place of departure, as they are compared and described.
+"""Failures: road and drive around the place of departure, as they are compared and described.
 
-Two failures are laid over each other so that the places and directions of the road where the car
-left its lane coincide; `frenetic.search.approach` defines their *difference* in metres. The road
-further than 15 m ahead does not count: the car never got there, and with it the clusters of a
-campaign and of its half were less alike.
+Two failures are moved and turned so that the places where the car left its lane, and the road's
+directions there, coincide; `frenetic.search.approach` defines their *difference* in metres. The
+road more than 15 m after the place does not count: the car never got there, and if it counted, the
+clusters of a campaign and of half of its failures would agree less.
 """
 
 from __future__ import annotations
@@ -24,21 +24,16 @@ from frenetic.errors import Fault
 from frenetic.oracle.outcome import Outcome
 from frenetic.oracle.verdict import Result, Side
 from frenetic.road import LANE_WIDTH
-from frenetic.search.approach import (
-    ROAD_SIZE,
-    STATES,
-    as_vector,
-    road_around,
-    states_before,
-)
+from frenetic.search.approach import ROAD_SIZE, STATES, as_vector, road_around, states_before
 from frenetic.search.records import Trace
 
-_SLOWS: Final = 3.0  # [m/s] least loss of speed up to the place that is mentioned; ours
+_KM_H: Final = 3.6  # km/h in 1 m/s
+_MENTIONED_SLOWING: Final = 3.0  # [m/s] least loss of speed that is mentioned (our choice)
 
 
 @dataclass(frozen=True, eq=False)
 class Failure:
-    """Part of a failure that is compared: road and drive, relative to the place of departure."""
+    """A failed test, with the road and the drive around its place for comparison."""
 
     id: int
     """Id of the test."""
@@ -51,20 +46,23 @@ class Failure:
     step: float
     """Distance between two curvatures, in m."""
     place: float
-    """Place of the departure, in m along the road."""
+    """Place where the car left its lane, or else of another finding, in m along the road."""
     road: FloatArray
-    """Centre line, (19, 2) in m, every 2.5 m from 30 m before the place to 15 m after it: x ahead,
-    y to the left of the road at the place."""
+    """Centre line, (19, 2) in m, every 2.5 m from 30 m before the place to 15 m after it: x along
+    the road's direction at the place, y to its left."""
     offsets: FloatArray
-    """Lateral offset to the left, (13,) in m, every 2.5 m over the 30 m before the place."""
+    """Offset to the left of the lane's centre, (13,) in m, every 2.5 m over the 30 m before the
+    place."""
     speeds: FloatArray
     """Speeds, (13,) in m/s, at the same places as `offsets`."""
     is_near_miss: bool = False
-    """Whether the test passed. Then the place is where its MOOBD is, on the side of that edge."""
+    """Whether the test passed. Then the place is where the oob distance was least, and the side is
+    the side of the nearer edge."""
     lane_width: float = LANE_WIDTH
     """Width of the lane, in m."""
     fault: Fault | None = None
-    """Fault of the driver that ended the drive. Without records, all arrays hold zeros."""
+    """Fault of the driver that ended the drive. If the drive has no records, all arrays hold
+    zeros."""
     cause: Cause | None = None
     """Cause of the failure; None for a fault or a near miss."""
     criterion: str | None = None
@@ -83,24 +81,27 @@ class Failure:
         """Return the failure of a failed test, or the near miss of a passing one."""
         road, place, assessment = segment.road, segment.place, segment.assessment
         speed = segment.drive.trajectory.speed[: len(assessment.distance)]
+        trace = Trace(assessment.distance, assessment.lateral_offset, speed)
+        offsets, speeds = states_before(trace, place)
         side = segment.side
         if is_near_miss:
             nearest = int(np.argmin(assessment.oob_distance))
             side = "left" if assessment.lateral_offset[nearest] > 0.0 else "right"
         return cls(
-            id,
-            moobd,
-            side,
-            road.curvatures,
-            road.step,
-            place,
-            road_around(road.table, road.sub_step, place),
-            *states_before(Trace(assessment.distance, assessment.lateral_offset, speed), place),
-            is_near_miss,
-            road.lane_width,
-            fault,
-            None if is_near_miss or fault is not None else cause_of(segment),
-            segment.criterion,
+            id=id,
+            moobd=moobd,
+            side=side,
+            curvatures=road.curvatures,
+            step=road.step,
+            place=place,
+            road=road_around(road.table, road.sub_step, place),
+            offsets=offsets,
+            speeds=speeds,
+            is_near_miss=is_near_miss,
+            lane_width=road.lane_width,
+            fault=fault,
+            cause=None if is_near_miss or fault is not None else cause_of(segment),
+            criterion=segment.criterion,
         )
 
     @classmethod
@@ -112,29 +113,45 @@ class Failure:
     ) -> Failure | None:
         """Return the failure of a drive that was judged FAIL.
 
-        None without records, unless a fault ended the drive.
+        Args:
+            segment: segment of the drive; None if the drive has no records.
+            result: verdict on the drive.
+            id: id of the test.
+
+        Returns:
+            None if the drive has no records and no fault ended it.
         """
         fault = result.fault
         if segment is not None:
             return cls.of(segment, id=id, moobd=result.moobd or 0.0, fault=fault)
         if fault is None:
             return None
-        line, states = np.zeros((ROAD_SIZE // 2, 2)), np.zeros(STATES)
-        return cls(id, 0.0, None, np.zeros(2), 1.0, 0.0, line, states, states, fault=fault)
+        return cls(
+            id=id,
+            moobd=0.0,
+            side=None,
+            curvatures=np.zeros(2),
+            step=1.0,
+            place=0.0,
+            road=np.zeros((ROAD_SIZE // 2, 2)),
+            offsets=np.zeros(STATES),
+            speeds=np.zeros(STATES),
+            fault=fault,
+        )
 
     @classmethod
-    def of_test(cls, record: Test) -> Failure | None:
-        """Return the failure of a stored test; None if it did not fail or has no trajectory."""
-        if record.outcome is not Outcome.FAIL:
+    def of_test(cls, test: Test) -> Failure | None:
+        """Return the failure of a stored test; None if the test did not fail, see `of_segment`."""
+        if test.outcome is not Outcome.FAIL:
             return None
-        return cls.of_segment(segment_of_test(record), record.result, record.id)
+        return cls.of_segment(segment_of_test(test), test.result, test.id)
 
     def difference(self, other: Failure) -> float:
-        """Return the difference from another failure in m, whatever the sides."""
+        """Return the difference from another failure in m; the sides of the lane do not count."""
         return float(np.linalg.norm(self.vector() - other.vector()))
 
     def vector(self) -> FloatArray:
-        """Return the vector of the failure, (64,) in m, whose distances are the differences."""
+        """Return the failure as a vector, (64,) in m: the distance of two is their difference."""
         return as_vector(self.road, self.offsets, self.speeds)
 
 
@@ -146,12 +163,12 @@ def failures_of(store: CampaignStore, limit: int | None = None) -> list[Failure]
     Raises:
         CampaignError: the campaign is damaged.
     """
-    records = store.tests(Outcome.FAIL, "moobd", limit, with_trajectory=True, with_repeats=False)
-    return [failure for failure in map(Failure.of_test, records) if failure is not None]
+    tests = store.tests(Outcome.FAIL, "moobd", limit, with_trajectory=True, with_repeats=False)
+    return [failure for failure in map(Failure.of_test, tests) if failure is not None]
 
 
 def describe_drive(segment: Segment, result: Result) -> str:
-    """Describe a drive in one phrase; return an empty text unless it passed or failed.
+    """Return a drive in one phrase; an empty text unless the drive passed or failed.
 
     Args:
         segment: segment of the drive.
@@ -164,7 +181,7 @@ def describe_drive(segment: Segment, result: Result) -> str:
 
 
 def describe(failure: Failure) -> str:
-    """Describe a failure in one phrase: ``leaves to the left 10 m behind a ..., at 41 km/h``."""
+    """Return a failure in one phrase, such as ``leaves to the left on a straight, at 41 km/h``."""
     if failure.fault is not None:
         return str(failure.fault)
     event = "fails in its lane" if failure.side is None else f"leaves to the {failure.side}"
@@ -173,12 +190,12 @@ def describe(failure: Failure) -> str:
     if failure.criterion == EDGE_DISTANCE:
         event = f"comes too near to the {failure.side} edge"
     if failure.is_near_miss:
-        beyond = "crosses" if failure.moobd < 0.0 else "comes nearest to"
-        event = f"{beyond} the {failure.side} edge"
-    # A car that has spun round may slide backwards.
-    fastest, now = failure.speeds.max() * 3.6, max(failure.speeds[-1], 0.0) * 3.6
-    speed = f"at {now:.0f} km/h"
-    if fastest - now > _SLOWS * 3.6:
-        speed = f"slowing from {fastest:.0f} to {now:.0f} km/h"
+        verb = "crosses" if failure.moobd < 0.0 else "comes nearest to"
+        event = f"{verb} the {failure.side} edge"
+    fastest = failure.speeds.max() * _KM_H
+    last = max(failure.speeds[-1], 0.0) * _KM_H  # a car that has spun round may slide backwards
+    speed = f"at {last:.0f} km/h"
+    if fastest - last > _MENTIONED_SLOWING * _KM_H:
+        speed = f"slowing from {fastest:.0f} to {last:.0f} km/h"
     place = place_text(failure.curvatures, failure.step, failure.place)
     return f"{event} {place}, {speed}"

@@ -18,8 +18,8 @@ from frenetic.criteria.criterion import signal_named
 from frenetic.oracle.signals import series
 
 HEADING_BINS: Final = 10
-"""Number of bins of heading in the full circle, 36 degrees each."""
-
+"""Number of bins of heading in the full circle, 36 degrees each, as in the competition."""
+_ROUNDING: Final = 1e-9  # [rad] change of heading that a rounding error can make
 
 Features: TypeAlias = Mapping[str, float]
 """Name in `FEATURES` -> value for a stretch of road and the drive along it.
@@ -35,6 +35,7 @@ class Feature:
     name: str
     """Name in `Features`."""
     description: str
+    """Description in a few words, for people."""
     unit: str
     """Unit; empty for a share or a number."""
     low: float
@@ -42,6 +43,7 @@ class Feature:
     high: float
     """Upper end of the range; this and larger values count into the last bin."""
     bins: int
+    """Number of bins."""
 
     @cached_property
     def edges(self) -> FloatArray:
@@ -50,7 +52,7 @@ class Feature:
 
     @property
     def counts(self) -> bool:
-        """Whether the feature's values are whole numbers."""
+        """Whether the feature's values are whole numbers: then each bin holds one number."""
         return self.low % 1.0 == 0.5 and self.high - self.low == self.bins
 
     def bin(self, value: float) -> int:
@@ -77,14 +79,15 @@ FEATURES: Final[Mapping[str, Feature]] = MappingProxyType(
         )
     }
 )
-"""Name of a feature -> its range."""
+"""Name of a feature -> feature with its range."""
 
 
 def features_of(segment: Segment) -> Features:
     """Return the features of a segment, or of a whole test: ``features_of(segment.whole())``.
 
-    Directions are counted from the one in which the stretch begins, the middle of its bin. Means
-    and deviations are over the drive's time; offsets are to the left of the ego lane's centre line.
+    The bin of the direction in which the stretch begins has this direction in its middle. Means and
+    deviations are over the records of the drive; offsets are to the left of the ego lane's centre
+    line.
     """
     distances, curvatures = segment.curvature_samples
     offset = segment.lateral_offset
@@ -113,10 +116,13 @@ def _worst_values(segment: Segment) -> dict[str, float]:
 
 
 def _directions(distances: FloatArray, curvatures: FloatArray) -> int:
-    """Return the number of heading bins of a line, without gaps since heading is continuous."""
+    """Return the number of heading bins that a line covers.
+
+    Heading is continuous, so these are all bins between the least and the largest heading.
+    """
     width = 2.0 * math.pi / HEADING_BINS
     least, most = heading_range(distances, curvatures)
-    # A rounding error at the edge of a bin must not open another one.
-    first = math.ceil((least + 1e-9) / width - 0.5)
-    last = math.floor((most - 1e-9) / width + 0.5)
+    # A rounding error at the edge of a bin must not add another bin.
+    first = math.ceil((least + _ROUNDING) / width - 0.5)
+    last = math.floor((most - _ROUNDING) / width + 0.5)
     return min(last - first + 1, HEADING_BINS)

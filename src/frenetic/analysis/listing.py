@@ -7,7 +7,7 @@ from collections.abc import Collection, Iterable, Mapping
 from typing import Final
 
 from frenetic.analysis.features import FEATURES, Features, features_of
-from frenetic.analysis.segments import segment_of
+from frenetic.analysis.segments import segment_of_test
 from frenetic.campaign.record import Test
 from frenetic.campaign.store import CampaignStore
 from frenetic.conditions.condition import condition_named, known_conditions
@@ -15,7 +15,7 @@ from frenetic.errors import UnknownNameError
 from frenetic.oracle.outcome import Outcome, chosen_outcomes
 
 ORDERS: Final = ("severity", "tested", "duration")
-"""Orders that need no features: lowest MOOBD first, in the order of the results, longest first."""
+"""Orders that need no features: lowest MOOBD first, order of the results, longest drive first."""
 
 
 def list_tests(
@@ -25,12 +25,13 @@ def list_tests(
     within: Mapping[str, tuple[float, float]] | None = None,
     sort: str = "severity",
 ) -> list[tuple[Test, Features]]:
-    """Return the tests of a campaign in an order; equal tests stay in the order of the results.
+    """Return the tests of a campaign, filtered and sorted; ties stay in the order of the results.
 
     Tests come without their trajectories, each with those features and conditions by which the list
     is filtered and sorted. A test without the value by which the list is sorted comes last.
-    Features belong to the segment around the departure, or else around the least oob distance; they
-    take about a millisecond a test. A condition that a test lacks has the amount without effect.
+    Features are those of the segment around the departure, or else around the least oob distance;
+    they take about a millisecond for each test. For a condition that a test lacks, the amount
+    without effect counts.
 
     Args:
         store: the campaign.
@@ -40,7 +41,7 @@ def list_tests(
 
     Raises:
         CampaignError: the campaign is damaged.
-        UnknownNameError: an order, feature or condition is unknown.
+        UnknownNameError: no order, feature or condition has this name.
         ValueError: an outcome is unknown, or a range ends below its start.
     """
     within = {} if within is None else within
@@ -55,39 +56,39 @@ def list_tests(
     for name, (low, high) in within.items():
         if low > high:
             raise ValueError(f"{name} from {low:g} to {high:g}: the lower end comes first")
-    tests = (
-        (record, _values(store, record, names))
-        for record in store.tests()
-        if record.outcome in wanted
-    )
-    chosen = [
-        (record, values)
-        for record, values in tests
-        if all(low <= values.get(name, math.nan) <= high for name, (low, high) in within.items())
+    listed = [
+        (test, values)
+        for test in store.tests()
+        if test.outcome in wanted and _lies_within(values := _values(store, test, names), within)
     ]
-    return sorted(chosen, key=lambda test: _sort_key(test[0], test[1], sort))
+    return sorted(listed, key=lambda row: _sort_key(row[0], row[1], sort))
 
 
-def _values(store: CampaignStore, record: Test, names: Collection[str]) -> Features:
+def _lies_within(values: Features, within: Mapping[str, tuple[float, float]]) -> bool:
+    """Return whether values lie in their ranges; a missing value lies in no range."""
+    return all(low <= values.get(name, math.nan) <= high for name, (low, high) in within.items())
+
+
+def _values(store: CampaignStore, test: Test, names: Collection[str]) -> Features:
     """Return the named features and conditions that a test has."""
     values: dict[str, float] = {}
-    if not FEATURES.keys().isdisjoint(names) and record.outcome.is_driven:
-        test = store.test(record.id)
-        if test.drive is not None and len(test.drive.trajectory):
-            values |= features_of(segment_of(test.road, test.drive, test.result.finding))
+    if not FEATURES.keys().isdisjoint(names) and test.outcome.is_driven:
+        segment = segment_of_test(store.test(test.id))
+        if segment is not None:
+            values |= features_of(segment)
     for name in names:
         if name not in FEATURES:
-            amount = record.candidate.conditions.get(name, condition_named(name).nothing)
+            amount = test.candidate.conditions.get(name, condition_named(name).nothing)
             if amount is not None:
                 values[name] = amount
     return values
 
 
-def _sort_key(record: Test, values: Features, sort: str) -> float:
-    """Return a number that is smaller for a test that comes earlier."""
+def _sort_key(test: Test, values: Features, sort: str) -> float:
+    """Return a number that is smaller for a test that comes earlier in the list."""
     if sort == "tested":
-        return record.result_number
+        return test.result_number
     if sort == "severity":
-        return math.inf if record.moobd is None else record.moobd
-    value = record.result.duration if sort == "duration" else values.get(sort)
+        return math.inf if test.moobd is None else test.moobd
+    value = test.result.duration if sort == "duration" else values.get(sort)
     return math.inf if value is None else -value

@@ -12,7 +12,7 @@ from typing import Any, Final, Literal, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
-from frenetic._support.arrays import evenly
+from frenetic._support.arrays import FloatArray, evenly
 from frenetic.analysis.clusters import cluster_failures
 from frenetic.analysis.failures import Failure
 from frenetic.analysis.features import FEATURES, features_of
@@ -20,6 +20,7 @@ from frenetic.analysis.official_segment import failure_segment
 from frenetic.analysis.segments import segment_of_test
 from frenetic.analysis.sparseness import MOST_COMPARED, largest_distances, unlike_lines
 from frenetic.campaign.counts import Counts
+from frenetic.campaign.record import Test
 from frenetic.campaign.store import CampaignStore
 from frenetic.oracle.outcome import Outcome
 from frenetic.road import LANE_WIDTH
@@ -31,22 +32,27 @@ Curve: TypeAlias = Literal["distinct_after", "failures_after"]
 MAP_AXES: Final = ("direction_coverage", "max_curvature", "std_steering", "mean_offset")
 """Features that span the map with the counted cells, as in the competition of 2023."""
 ROAD_SPACING: Final = 5.0
-"""Distance between the points by which whole roads are compared, in m."""
+"""Distance between the points by which whole roads are compared, in m (our choice)."""
+_OVER: Final = "over"
+"""End of a run of the bench whose time is over, see `frenetic.plugins.bench`."""
 
 
 @dataclass(frozen=True, eq=False)
 class CampaignMeasures:
     """Measured results of a campaign.
 
-    Curves have a value for each number of simulations, from 0 on.
+    Curves have a value for each number of simulations, from 0 on. A repeated road, one that was
+    driven again in the same conditions, counts once.
     """
 
     folder: Path
+    """Folder of the campaign."""
     seed: object
-    """Seed of the strategy."""
+    """Seed of the strategy; None if it has none."""
     counts: Counts
+    """Counts of the tests."""
     failures_after: IntArray
-    """Failures up to each number of simulations, (simulations + 1,), without repeated roads."""
+    """Failures up to each number of simulations, (simulations + 1,)."""
     distinct_after: IntArray
     """Distinct failures up to each number of simulations, (simulations + 1,)."""
     is_finished: bool
@@ -56,18 +62,18 @@ class CampaignMeasures:
     unlike_roads: int = 0
     """Number of failing roads that are unlike each other, see `unlike_lines`."""
     competition_sparseness: float = -math.inf
-    """Sparseness in edits, see `largest_distances`; minus infinity below two failures."""
+    """Mean of `largest_distances`, in edits; minus infinity for fewer than two failures."""
     lane_width: float = LANE_WIDTH
     """Width of each lane, in m."""
 
     @property
     def simulations(self) -> int:
-        """Number of drives, also drives in which the simulator broke."""
+        """Number of drives, including those in which the simulator broke."""
         return len(self.failures_after) - 1
 
     @property
     def failures(self) -> int:
-        """Number of FAIL outcomes; a repeated road counts once."""
+        """Number of failures."""
         return int(self.failures_after[-1])
 
     @property
@@ -87,10 +93,7 @@ class CampaignMeasures:
 
     @property
     def valid_share(self) -> float:
-        """Share 0..1 of the tested roads that were valid; 1 without a tested road.
-
-        A repeated road counts once.
-        """
+        """Share 0..1 of the tested roads that were valid; 1 without a tested road."""
         invalid = self.counts.invalid - self.counts.invalid_repeats
         valid = self.simulations - (self.counts.repeats - self.counts.invalid_repeats)
         return valid / (valid + invalid) if valid + invalid else 1.0
@@ -98,11 +101,12 @@ class CampaignMeasures:
 
 @dataclass(frozen=True)
 class Measure:
-    """Number by which campaigns are compared."""
+    """Measure: a number by which campaigns are compared."""
 
     name: str
     """Name of the attribute of `CampaignMeasures`."""
     title: str
+    """Title for people."""
     definition: str
     """Definition, in a sentence or two."""
     short: str
@@ -112,17 +116,18 @@ class Measure:
     more_is_better: bool = True
     """Whether more is better for a search, rather than less."""
     decimals: int = 0
+    """Number of decimal places of values as text."""
 
     def of(self, campaign: CampaignMeasures) -> float | None:
         """Return the measure's value; None if the campaign lacks it.
 
-        It is infinite for an event that never happened, which is worse than any number.
+        The value is infinite for an event that never happened, which is worse than any number.
         """
         value = getattr(campaign, self.name)
         return None if value is None else float(value)
 
     def text(self, value: float) -> str:
-        """Return a value as text, without the unit."""
+        """Return a value as text, without the unit; "none" for an infinite value."""
         return "none" if math.isinf(value) else f"{value:.{self.decimals}f}"
 
     @property
@@ -137,7 +142,7 @@ class Measure:
 
     @property
     def better(self) -> str:
-        """Better direction: more or less."""
+        """Word for better values: more or less."""
         return "more" if self.more_is_better else "less"
 
 
@@ -226,55 +231,72 @@ def measure_campaign(folder: Path | str) -> CampaignMeasures:
         CampaignError: the campaign does not exist or is damaged.
     """
     with CampaignStore.open(folder) as store:
-        failures_after = [0]
-        failed_at: dict[int, int] = {}  # id of a failure -> number of simulations, it included
-        counts, repeats = Counts(), store.repeats()
+        counts, simulations = Counts(), 0
+        failed_after: dict[int, int] = {}  # id of a failure -> simulations up to and with it
+        repeats = store.repeats()
         for test in store.tests():
-            outcome = test.outcome
-            counts.add(test.candidate, outcome, test.moobd)
-            if outcome.is_simulated:
-                is_new = outcome is Outcome.FAIL and test.id not in repeats
-                failures_after.append(failures_after[-1] + is_new)
-                if is_new:
-                    failed_at[test.id] = len(failures_after) - 1
-        failures: list[Failure] = []
-        cells, roads, cuts = set(), [], []
+            counts.add(test.candidate, test.outcome, test.moobd)
+            simulations += test.outcome.is_simulated
+            if test.outcome is Outcome.FAIL and test.id not in repeats:
+                failed_after[test.id] = simulations
+        diversity = _Diversity()
         for test in store.tests(Outcome.FAIL, with_trajectory=True):
-            if test.id not in failed_at:
-                continue  # a repeat, or newer than the first reading of a running campaign
-            segment = segment_of_test(test)
-            failures += filter(None, [Failure.of_segment(segment, test.result, test.id)])
-            if segment is None:
-                continue
-            features = features_of(segment)
-            cells.add(tuple(FEATURES[name].bin(features[name]) for name in MAP_AXES))
-            roads.append(test.road.sample(ROAD_SPACING))
-            if (cut := failure_segment(test)) is not None:
-                cuts.append(cut)
+            # The others are repeats, or newer than the first reading of a running campaign.
+            if test.id in failed_after:
+                diversity.add(test)
         config, facts, lane_width = store.config, store.facts, store.lane_width
-    clusters = cluster_failures(failures)
-    distances = largest_distances([cuts[i] for i in evenly(len(cuts), MOST_COMPARED)])
+    clusters = cluster_failures(diversity.failures)
+    first_failures = (min(failed_after[test_id] for test_id in cluster.ids) for cluster in clusters)
     return CampaignMeasures(
         folder=Path(folder),
         seed=config.get("seed"),
         counts=counts,
-        failures_after=np.array(failures_after, dtype=np.int64),
-        distinct_after=_curve(
-            (min(map(failed_at.__getitem__, cluster.ids)) for cluster in clusters),
-            len(failures_after),
-        ),
-        is_finished=_is_finished(
-            {"budget": config.get("budget"), **facts}, len(failures_after) - 1
-        ),
-        cells=len(cells),
-        unlike_roads=unlike_lines(roads),
-        competition_sparseness=float(distances.mean()) if len(distances) else -math.inf,
+        failures_after=_curve(failed_after.values(), simulations),
+        distinct_after=_curve(first_failures, simulations),
+        is_finished=_is_finished({"budget": config.get("budget"), **facts}, simulations),
+        cells=len(diversity.cells),
+        unlike_roads=unlike_lines(diversity.roads),
+        competition_sparseness=diversity.competition_sparseness(),
         lane_width=lane_width,
     )
 
 
+class _Diversity:
+    """What the measures of diversity need of the failures of a campaign."""
+
+    def __init__(self) -> None:
+        self.failures: list[Failure] = []
+        """Failures, to be clustered."""
+        self.cells: set[tuple[int, ...]] = set()
+        """Cells of the feature map over `MAP_AXES`."""
+        self.roads: list[FloatArray] = []
+        """Points of the whole roads, (n, 2) in m, `ROAD_SPACING` apart."""
+        self._official_segments: list[FloatArray] = []
+
+    def add(self, test: Test) -> None:
+        """Add a failed test, read with its trajectory."""
+        segment = segment_of_test(test)
+        failure = Failure.of_segment(segment, test.result, test.id)
+        if failure is not None:
+            self.failures.append(failure)
+        if segment is None:
+            return
+        features = features_of(segment)
+        self.cells.add(tuple(FEATURES[name].bin(features[name]) for name in MAP_AXES))
+        self.roads.append(test.road.sample(ROAD_SPACING))
+        official_segment = failure_segment(test)
+        if official_segment is not None:
+            self._official_segments.append(official_segment)
+
+    def competition_sparseness(self) -> float:
+        """Return the mean of `largest_distances`; minus infinity for fewer than two failures."""
+        compared = evenly(len(self._official_segments), MOST_COMPARED)
+        distances = largest_distances([self._official_segments[i] for i in compared])
+        return float(distances.mean()) if len(distances) else -math.inf
+
+
 def curves(campaigns: Sequence[CampaignMeasures], name: Curve) -> IntArray:
-    """Return a curve of each campaign, (campaigns, n), up to the simulations that all reached.
+    """Return a curve of each campaign, (campaigns, n), cut where the shortest campaign ends.
 
     Args:
         campaigns: one or more campaigns.
@@ -285,15 +307,15 @@ def curves(campaigns: Sequence[CampaignMeasures], name: Curve) -> IntArray:
     return np.array([row[:reached] for row in rows], dtype=np.int64)
 
 
-def _curve(rises: Iterable[int], length: int) -> IntArray:
-    """Return the curve, (length,), that rises by 1 at each of some numbers of simulations."""
-    counts = np.bincount(np.fromiter(rises, dtype=np.int64), minlength=length)
+def _curve(rises: Iterable[int], simulations: int) -> IntArray:
+    """Return a curve, (simulations + 1,), that rises by 1 at each of some simulations."""
+    counts = np.bincount(np.fromiter(rises, dtype=np.int64), minlength=simulations + 1)
     return np.cumsum(counts, dtype=np.int64)
 
 
 def _is_finished(facts: Mapping[str, Any], simulations: int) -> bool:
-    """Return whether a budget was spent; a run of a bench may end before that."""
+    """Return whether the budget was spent; a generator of the bench may end before that."""
     if "finished_at" not in facts or facts.get("interrupted"):
         return False
-    ended_by_itself = facts.get("bench", {"end": "over"})["end"] != "over"
+    ended_by_itself = facts.get("bench", {"end": _OVER})["end"] != _OVER
     return not ended_by_itself or simulations >= (facts["budget"].get("simulations") or 0)
