@@ -1,9 +1,9 @@
-"""Differences between failing roads: edit distances, and figures made of them.
+"""Differences between failing roads: edit distances, and measures made of them.
 
-A line of points about a metre apart is a word, with a letter for every step: its turn and its
-length. The distance between two lines is Levenshtein's: the least cost of turning one word into the
-other. Inserting or deleting a letter costs 1. Replacing one costs nothing if both letters are
-nearly the same, and otherwise up to 1, growing with their difference.
+A line of points is compared as a word: each step from point to point is a letter, made of the
+step's turn and length. The distance between two lines is Levenshtein's: the least cost of changing
+one word into the other. Inserting or deleting a letter costs 1. Replacing a letter costs nothing if
+both letters are nearly the same, and otherwise up to 1, growing with their difference.
 """
 
 from __future__ import annotations
@@ -18,20 +18,20 @@ from frenetic._support.arrays import FloatArray
 from frenetic._support.compiled import njit
 
 SAME_ANGLE: Final = 0.3
-"""Difference below which two turns count as equal, in degrees."""
+"""Difference below which two turns count as equal, in degrees (the competition's)."""
 SAME_LENGTH: Final = 0.2
-"""Difference below which two lengths count as equal, in m."""
+"""Difference below which two lengths count as equal, in m (the competition's)."""
 UNLIKE: Final = 0.2
-"""Edits per step above which two lines are unlike each other."""
+"""Edits per step above which two lines are unlike each other (our choice)."""
 MOST_COMPARED: Final = 2000
-"""Most failures for the competition's sparseness, whose time grows with the square."""
+"""Most failures for the competition's sparseness, whose time grows with the square (our choice)."""
 
 
 def largest_distances(segments: Sequence[npt.ArrayLike]) -> FloatArray:
     """Return the largest edit distance of each failure to a *later* one, (n - 1,) in edits.
 
-    Their mean and deviation are the sparseness that the competition's published code computes. The
-    last failure does not count, and the order matters.
+    The mean and the deviation of these distances are the sparseness that the competition's
+    published code computes. No distance belongs to the last failure, and the order matters.
 
     Args:
         segments: (n, 2) points each, see `frenetic.analysis.competition_segment`, in the order of
@@ -47,8 +47,8 @@ def largest_distances(segments: Sequence[npt.ArrayLike]) -> FloatArray:
 def unlike_lines(lines: Sequence[npt.ArrayLike]) -> int:
     """Return the number of lines that are unlike each other.
 
-    A line counts if its edits to each line counted before are more than `UNLIKE` times the steps of
-    the longer line.
+    Lines are taken in turn. A line counts if its distance to each line that counted before is more
+    than `UNLIKE` times the number of steps of the longer line of the two.
 
     Args:
         lines: (n, 2) points each, in equal steps.
@@ -62,9 +62,9 @@ def unlike_lines(lines: Sequence[npt.ArrayLike]) -> int:
 def _words(
     segments: Sequence[npt.ArrayLike],
 ) -> tuple[FloatArray, FloatArray, npt.NDArray[np.int64]]:
-    """Return turns in degrees and lengths in m of all steps, and the index of each segment's first.
+    """Return turns in degrees and lengths in m of all steps, and the first step of each segment.
 
-    A last index stands for the end of the last segment.
+    The last of the (segments + 1) indices of steps is the end of the last segment.
     """
     angles, lengths, counts = [], [], [0]
     for segment in segments:
@@ -73,7 +73,7 @@ def _words(
             raise ValueError(f"a segment has shape {points.shape}: two or more points x, y needed")
         steps = np.diff(points, axis=0)
         headings = np.degrees(np.arctan2(steps[:, 1], steps[:, 0]))
-        # In -180 .. 180, so two of them differ by at most 360.
+        # Turns lie in -180..180, so that two of them differ by at most 360.
         angles.append((np.diff(headings, prepend=headings[0]) + 180.0) % 360.0 - 180.0)
         lengths.append(np.hypot(steps[:, 0], steps[:, 1]))
         counts.append(len(steps))
@@ -82,7 +82,7 @@ def _words(
 
 @njit()
 def _replacement(angles: FloatArray, lengths: FloatArray, p: int, q: int) -> float:
-    """Return the cost 0..1 of replacing step p of ``angles`` and ``lengths`` by step q."""
+    """Return the cost 0..1 of replacing step p by step q."""
     angle = abs(angles[p] - angles[q])
     angle = min(angle, 360.0 - angle)
     length = abs(lengths[p] - lengths[q])
@@ -95,10 +95,10 @@ def _replacement(angles: FloatArray, lengths: FloatArray, p: int, q: int) -> flo
 
 
 @njit()
-def _at_most(
+def _upper_bound(
     angles: FloatArray, lengths: FloatArray, i: int, i_end: int, j: int, j_end: int
 ) -> float:
-    """Return the cost of edits step by step, without a shift: never less than `_distance`."""
+    """Return the cost of replacing step by step, without a shift: never less than `_distance`."""
     both = min(i_end - i, j_end - j)
     cost = 0.0
     for p in range(both):
@@ -110,9 +110,10 @@ def _at_most(
 def _distance(
     angles: FloatArray, lengths: FloatArray, i: int, i_end: int, j: int, j_end: int
 ) -> float:
-    """Return the edits between the steps i .. i_end - 1 and j .. j_end - 1."""
+    """Return the edit distance between the steps i .. i_end - 1 and j .. j_end - 1."""
     m = j_end - j
-    # row[q]: cost of making the first p letters of one word the first q of the other, p by p.
+    # row[q] is the cost of changing the first p letters of one word into the first q letters of the
+    # other; p grows by 1 with each pass.
     row = np.arange(m + 1).astype(np.float64)
     for p in range(i, i_end):
         diagonal = row[0]
@@ -131,23 +132,23 @@ def _largest_later(
 ) -> FloatArray:
     """Return the largest distance of each segment to a later one, (k - 1,).
 
-    It compares the likeliest candidates first, until no other can be further: about a tenth of all
-    pairs.
+    The pairs with the largest upper bounds are compared first, until no other can be further apart:
+    about a tenth of all pairs.
     """
     k = len(starts) - 1
     largest = np.zeros(k - 1)
     for i in range(k - 1):
         bounds = np.empty(k - 1 - i)
         for j in range(i + 1, k):
-            bounds[j - i - 1] = _at_most(
+            bounds[j - i - 1] = _upper_bound(
                 angles, lengths, starts[i], starts[i + 1], starts[j], starts[j + 1]
             )
         # Not sorted: numba's names for the parts of a sort are unique in one process only, so two
         # cached kernels that sort would call each other's.
         while bounds.max() > largest[i]:
-            place = int(bounds.argmax())
-            bounds[place] = 0.0
-            j = i + 1 + place
+            likeliest = int(bounds.argmax())
+            bounds[likeliest] = 0.0
+            j = i + 1 + likeliest
             edits = _distance(angles, lengths, starts[i], starts[i + 1], starts[j], starts[j + 1])
             largest[i] = max(largest[i], edits)
     return largest
@@ -157,18 +158,18 @@ def _largest_later(
 def _are_alike(
     angles: FloatArray, lengths: FloatArray, i: int, i_end: int, j: int, j_end: int
 ) -> bool:
-    """Return whether two segments are not unlike each other."""
+    """Return whether two segments are not unlike each other, see `unlike_lines`."""
     most = UNLIKE * max(i_end - i, j_end - j)
     if abs((i_end - i) - (j_end - j)) > most:
         return False
-    if _at_most(angles, lengths, i, i_end, j, j_end) <= most:
+    if _upper_bound(angles, lengths, i, i_end, j, j_end) <= most:
         return True
     return bool(_distance(angles, lengths, i, i_end, j, j_end) <= most)
 
 
 @njit()
 def _unlike(angles: FloatArray, lengths: FloatArray, starts: npt.NDArray[np.int64]) -> int:
-    """Return the number of segments that are unlike each other."""
+    """Return the number of segments that are unlike each other, see `unlike_lines`."""
     counted = np.empty(len(starts) - 1, np.int64)
     n = 0
     for i in range(len(starts) - 1):

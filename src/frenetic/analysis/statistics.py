@@ -1,9 +1,9 @@
 """Statistics for few repeats: intervals, effect sizes and tests that assume no distribution.
 
-The tests are scipy's, except for what it does not have: quartiles of infinite values, exact p
+The tests are scipy's, except for what scipy does not have: quartiles of infinite values, exact p
 values with ties, Holm's correction, the difference of paired shares, and intervals of rates.
-Wilson's interval and ranks are a few lines of our own, because the import of `scipy.stats` takes as
-long as a tenth of a report.
+Wilson's interval and ranks are a few lines here, because the import of `scipy.stats` takes as long
+as a tenth of a report.
 """
 
 from __future__ import annotations
@@ -21,13 +21,14 @@ import numpy.typing as npt
 from frenetic._support.arrays import FloatArray
 
 LEAST_REPEATS: Final = 5
-"""Fewest values per group for a verdict; 5 and 5 can give a p of 0.008."""
+"""Fewest values per group for a verdict (our choice); 5 and 5 can give a p of 0.008."""
 SIGNIFICANT: Final = 0.05
-"""Largest p of a difference that counts as more than chance."""
+"""Value of p below which a difference counts as more than chance."""
 MOST_EXACT: Final = 80
-"""Most values in both groups together for an exact Mann-Whitney test."""
+"""Most values in both groups together for an exact Mann-Whitney test (our choice)."""
 MOST_PERMUTED: Final = 8
-"""Most pairs for an exact p of Spearman's rank correlation."""
+"""Most pairs for an exact p of Spearman's rank correlation (our choice)."""
+_ROUNDING: Final = 1e-9  # difference of two products of ranks that a rounding error can make
 
 
 @dataclass(frozen=True)
@@ -35,13 +36,17 @@ class Quartiles:
     """Least, most and quartiles of values, which may be infinite."""
 
     n: int
+    """Number of values."""
     least: float
+    """Least value."""
     low: float
     """First quartile."""
     median: float
+    """Median."""
     high: float
     """Third quartile."""
     most: float
+    """Largest value."""
 
 
 @dataclass(frozen=True)
@@ -49,8 +54,11 @@ class ValueWithInterval:
     """Estimated value with its confidence interval."""
 
     value: float
+    """Estimated value."""
     low: float
+    """Lower end of the interval."""
     high: float
+    """Upper end of the interval."""
 
     @property
     def sign(self) -> int:
@@ -61,7 +69,7 @@ class ValueWithInterval:
 def quartiles(values: npt.ArrayLike) -> Quartiles:
     """Return the quartiles of one or more values.
 
-    They are interpolated between values; next to an infinite value the quartile is infinite, too.
+    Quartiles are interpolated between values; next to an infinite value they are infinite, too.
 
     Raises:
         ValueError: there are no values, or a value is not a number.
@@ -72,13 +80,14 @@ def quartiles(values: npt.ArrayLike) -> Quartiles:
 
 
 def _quantile(ordered: FloatArray, share: float) -> float:
-    place = share * (len(ordered) - 1)
-    below, above = float(ordered[math.floor(place)]), float(ordered[math.ceil(place)])
+    """Return the quantile of sorted values below which a share of them lies, interpolated."""
+    position = share * (len(ordered) - 1)
+    below, above = float(ordered[math.floor(position)]), float(ordered[math.ceil(position)])
     if math.isinf(above) or below == above:
         return above
     if math.isinf(below):
         return below
-    return below + (place - math.floor(place)) * (above - below)
+    return below + (position - math.floor(position)) * (above - below)
 
 
 def proportion_interval(
@@ -95,7 +104,8 @@ def proportion_interval(
 
 
 def _wilson(share: float, trials: float, confidence: float) -> tuple[float, float]:
-    from scipy.special import ndtri  # takes its time, but less than scipy.stats
+    """Return Wilson's score interval of a share, which may be a mean of shares."""
+    from scipy.special import ndtri  # slow to import, but faster than scipy.stats
 
     z = float(ndtri(0.5 + 0.5 * confidence))
     scale = 1.0 + z * z / trials
@@ -105,10 +115,16 @@ def _wilson(share: float, trials: float, confidence: float) -> tuple[float, floa
 
 
 def rate_interval(events: int, exposure: float, confidence: float = 0.95) -> tuple[float, float]:
-    """Return the exact two-sided interval of a rate with so many events in an exposure.
+    """Return the exact two-sided interval of the rate of events per unit of exposure.
 
     This is the interval of F. Garwood, "Fiducial limits for the Poisson distribution", Biometrika
-    28 (1936), two-sided also without any event: 0 events in 1,000 drives give 0 to 0.0037 a drive.
+    28 (1936). Without any event, the upper end is two-sided, too: 0 events in 1,000 drives give 0
+    to 0.0037 events per drive.
+
+    Args:
+        events: number of events.
+        exposure: what was exposed, such as a number of drives or a length in km.
+        confidence: 0..1.
 
     Raises:
         ValueError: the events are below 0, or the exposure is not positive.
@@ -134,13 +150,14 @@ def weighted_interval(
         largest: largest weight that an event may have.
         confidence: 0..1.
     """
-    from scipy.special import gammaincinv  # takes its time, but less than scipy.stats
+    from scipy.special import gammaincinv  # slow to import, but faster than scipy.stats
 
     # gammaincinv(k, p) is half of the chi-squared quantile p with 2 k degrees of freedom.
-    happened = np.asarray(weights, dtype=np.float64)
+    event_weights = np.asarray(weights, dtype=np.float64)
     tail = 0.5 * (1.0 - confidence)
-    total, variance = float(happened.sum()), float((happened**2).sum())
+    total, variance = float(event_weights.sum()), float((event_weights**2).sum())
     low = variance / total * float(gammaincinv(total**2 / variance, tail)) if total else 0.0
+    # The upper end counts one event more, of the largest weight.
     total, variance = total + largest, variance + largest**2
     return low, variance / total * float(gammaincinv(total**2 / variance, 1.0 - tail))
 
@@ -153,8 +170,8 @@ def paired_share_difference(
     This is the square-and-add interval with a correction for continuity: method 10 of
     R. G. Newcombe, "Improved confidence intervals for the difference between binomial proportions
     based on paired data", Statistics in Medicine 17 (1998). Fagerland, Lydersen and Laake recommend
-    it in the same journal (33, 2014). It joins Wilson's intervals of both means, with their
-    correlation.
+    it in the same journal (33, 2014). The interval follows from Wilson's intervals of both means
+    and from their correlation.
 
     Args:
         first: (n,) shares 0..1, such as 0 for a road that passed and 1 for one that failed.
@@ -177,44 +194,45 @@ def paired_share_difference(
     correlation = max(-1.0, min(1.0, covariance / spread)) if spread > 0.0 else 0.0
     (p_low, p_high), (q_low, q_high) = (_wilson(share, n, confidence) for share in (p, q))
 
-    def together(first: float, second: float) -> float:
+    def deviation(first: float, second: float) -> float:
+        """Return the deviation of a difference from the deviations of both means."""
         squares = first * first - 2.0 * correlation * first * second + second * second
         return math.sqrt(max(0.0, squares))
 
     difference = q - p
     return ValueWithInterval(
         difference,
-        difference - together(q - q_low, p_high - p),
-        difference + together(q_high - q, p - p_low),
+        low=difference - deviation(q - q_low, p_high - p),
+        high=difference + deviation(q_high - q, p - p_low),
     )
 
 
 def median_estimate(values: npt.ArrayLike, confidence: float = 0.95) -> ValueWithInterval:
     """Return the median, with the interval between two of the values by the exact sign test.
 
-    It assumes no distribution. Below 6 values no interval holds at 95 %, so it is infinite.
+    The interval assumes no distribution. For fewer than 6 values no interval between values has a
+    confidence of 95 %, so the interval is infinite.
 
     Raises:
         ValueError: there are no values, or a value is not a number.
     """
-    from scipy.special import bdtr  # takes its time, but less than scipy.stats
+    from scipy.special import bdtr  # slow to import, but faster than scipy.stats
 
     ordered = np.sort(_values(values))
     n = len(ordered)
-    # bdtr: the chance that at most k of n values lie below the true median.
-    left_out = int((2.0 * bdtr(np.arange(n // 2), n, 0.5) <= 1.0 - confidence).sum())
-    low, high = (
-        (float(ordered[left_out - 1]), float(ordered[n - left_out]))
-        if left_out
-        else (-math.inf, math.inf)
-    )
+    # bdtr(k, n, 0.5) is the chance that at most k of n values lie below the true median.
+    position = int((2.0 * bdtr(np.arange(n // 2), n, 0.5) <= 1.0 - confidence).sum())
+    low, high = -math.inf, math.inf
+    if position:
+        # The ends are the values at this position, from 1, from either side.
+        low, high = float(ordered[position - 1]), float(ordered[n - position])
     return ValueWithInterval(_quantile(ordered, 0.5), low, high)
 
 
 def a12(first: npt.ArrayLike, second: npt.ArrayLike) -> float:
-    """Return Vargha and Delaney's A12: the chance 0..1 that a value of the first is larger.
+    """Return Vargha and Delaney's A12: the chance 0..1 that a value of the first group is larger.
 
-    Ties count half, so 0.5 is no difference.
+    Ties count half, so 0.5 means no difference.
 
     Raises:
         ValueError: there are no values, or a value is not a number.
@@ -228,7 +246,8 @@ def a12(first: npt.ArrayLike, second: npt.ArrayLike) -> float:
 def magnitude(effect: float) -> str:
     """Return the size of an A12 in words, by the thresholds of Vargha and Delaney (2000).
 
-    An A12, or 1 minus it, is small from 0.56, medium from 0.64, large from 0.71, else negligible.
+    An A12 above 0.5 is small from 0.56, medium from 0.64, large from 0.71, else negligible; an A12
+    below 0.5 has the size of 1 - A12.
     """
     distance = abs(effect - 0.5) + 1e-12  # 0.56 is small, whatever its rounding error
     return ("negligible", "small", "medium", "large")[bisect((0.06, 0.14, 0.21), distance)]
@@ -237,20 +256,21 @@ def magnitude(effect: float) -> str:
 def mann_whitney(first: npt.ArrayLike, second: npt.ArrayLike) -> float:
     """Return p of the two-sided Mann-Whitney U test that both come from one distribution.
 
-    Up to `MOST_EXACT` values p is exact, ties included: the share of all ways to deal the values
-    to the groups in which U differs as much from its mean. Above, it is the normal approximation
-    with correction for ties and continuity.
+    Up to `MOST_EXACT` values p is exact, also with ties: of all ways to distribute the values to
+    the groups, the share in which U differs at least as much from its mean. For more values p is
+    the normal approximation with correction for ties and continuity.
 
     Raises:
         ValueError: there are no values, or a value is not a number.
     """
     x, y = _values(first), _values(second)
+    # Ranks of ties are halves; doubled ranks are whole numbers.
     doubled = np.rint(2.0 * ranks(np.concatenate([x, y]))).astype(np.int64)
     n, total = len(x), len(doubled)
     rank_sum = int(doubled[:n].sum())
     mean = n * (total + 1)  # of the doubled rank sum
     if total > MOST_EXACT:
-        from scipy.stats import mannwhitneyu  # takes its time
+        from scipy.stats import mannwhitneyu  # slow to import
 
         if np.ptp(doubled) == 0:
             return 1.0
@@ -261,8 +281,9 @@ def mann_whitney(first: npt.ArrayLike, second: npt.ArrayLike) -> float:
 
 
 def _rank_sums(ranks: npt.NDArray[np.int64], n: int) -> FloatArray:
-    """Return the share of the choices of n ranks that have each sum, (sum + 1,)."""
-    # ways[k, s]: choices of k among the ranks so far with the sum s. A rank is taken or it is not.
+    """Return, of all choices of n ranks, the share that has each sum, (largest sum + 1,)."""
+    # ways[k, s] is the number of choices of k of the first i ranks with the sum s. Each further
+    # rank is taken or not.
     ways = np.zeros((n + 1, int(ranks.sum()) + 1))
     ways[0, 0] = 1.0
     for i, rank in enumerate(ranks):
@@ -275,14 +296,15 @@ def _rank_sums(ranks: npt.NDArray[np.int64], n: int) -> FloatArray:
 def spearman(first: npt.ArrayLike, second: npt.ArrayLike) -> tuple[float, float]:
     """Return Spearman's rank correlation -1..1 of two columns, and its two-sided p.
 
-    p is exact up to `MOST_PERMUTED` rows: the share of all orders of the second column that go with
-    the first at least as closely. Above, it follows from Student's t with n - 2 degrees of freedom.
+    p is exact up to `MOST_PERMUTED` rows: the share of all orders of the second column whose
+    correlation with the first is at least as strong. For more rows p follows from Student's t with
+    n - 2 degrees of freedom.
 
     Raises:
         ValueError: there are fewer than 3 rows, the columns differ in length, a column is constant,
             or a value is not a number.
     """
-    from scipy.stats import spearmanr  # takes its time
+    from scipy.stats import spearmanr  # slow to import
 
     x, y = ranks(_values(first)), ranks(_values(second))
     n = len(x)
@@ -293,7 +315,7 @@ def spearman(first: npt.ArrayLike, second: npt.ArrayLike) -> tuple[float, float]
         return float(result.statistic), float(result.pvalue)
     orders = np.array(list(permutations(y - y.mean())))
     products = np.abs(orders @ (x - x.mean()))
-    return float(result.statistic), float((products >= products[0] - 1e-9).mean())
+    return float(result.statistic), float((products >= products[0] - _ROUNDING).mean())
 
 
 def holm(p_values: Sequence[float]) -> list[float]:
@@ -301,13 +323,18 @@ def holm(p_values: Sequence[float]) -> list[float]:
     order = sorted(range(len(p_values)), key=lambda i: p_values[i])
     corrected = [0.0] * len(p_values)
     largest = 0.0
-    for place, i in enumerate(order):
-        largest = max(largest, min(1.0, (len(p_values) - place) * p_values[i]))
+    for position, i in enumerate(order):
+        largest = max(largest, min(1.0, (len(p_values) - position) * p_values[i]))
         corrected[i] = largest
     return corrected
 
 
 def _values(values: npt.ArrayLike) -> FloatArray:
+    """Return values as an array, (n,).
+
+    Raises:
+        ValueError: there are no values, they have several dimensions, or a value is not a number.
+    """
     array = np.asarray(values, dtype=np.float64)
     if array.ndim != 1 or len(array) == 0 or np.isnan(array).any():
         raise ValueError(f"values of shape {array.shape}: one or more numbers in a row are needed")
@@ -316,7 +343,7 @@ def _values(values: npt.ArrayLike) -> FloatArray:
 
 def ranks(values: FloatArray) -> FloatArray:
     """Return ranks from 1, (n,); equal values share their mean rank."""
-    _, place, counts = np.unique(values, return_inverse=True, return_counts=True)
-    last = np.cumsum(counts)
-    ranks: FloatArray = (last - 0.5 * (counts - 1))[place.ravel()]
+    _, index, counts = np.unique(values, return_inverse=True, return_counts=True)
+    last_rank = np.cumsum(counts)
+    ranks: FloatArray = (last_rank - 0.5 * (counts - 1))[index.ravel()]
     return ranks
