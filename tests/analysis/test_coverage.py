@@ -107,8 +107,8 @@ def test_cells_counted_by_hand() -> None:
     assert [gust.text(i) for i in range(gust.size)] == ["-10 to -5", "-5 to 0", "0 to 5", "5 to 10"]
     texts = ["as usual", "0 to 0.05", "0.05 to 0.1", "0.1 to 0.15", "0.15 to 0.2"]
     assert [delay.text(i) for i in range(delay.size)] == texts
-    assert delay.words(0) == "delay as usual"
-    assert delay.words(1) == "delay 0 to 0.05 s"
+    assert delay.title_text(0) == "delay as usual"
+    assert delay.title_text(1) == "delay 0 to 0.05 s"
     texts = ["14.29 to 18", "18 to 24", "24 to 36", "36 to 71", "71 or more"]
     assert [radius.text(i) for i in range(radius.size)] == texts
     assert [counts(cells) for cells in coverage.singles] == [
@@ -261,7 +261,7 @@ def test_sums_of_cells_agree(domain: Domain, number: int, seed: int) -> None:
     assert shares == sorted(shares, reverse=True)
     for axis in coverage.axes:
         assert list(axis.edges) == sorted(axis.edges)
-        assert axis.size <= 8
+        assert axis.cell_count <= 8
         for test in tests:
             cell = axis.find(test.candidate)
             assert cell is not None

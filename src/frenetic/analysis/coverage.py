@@ -1,6 +1,7 @@
 """Coverage of a domain: which cells of its conditions and roads were driven, alone and in pairs.
 
-A drive lies in the cells of its road and of its conditions, wherever along the road it ended.
+The range of each condition, and of the least radius and the grade of roads, is cut into cells. A
+drive lies in the cells of its conditions and of its whole road, wherever the drive ended.
 """
 
 from __future__ import annotations
@@ -33,18 +34,24 @@ RADIUS: Final = "min_radius"
 GRADE: Final = "max_grade"
 """Name of the axis of a road's steepest grade, in %."""
 ROADS: Final = 500
-"""Number of random roads that stand for a domain's roads."""
+"""Number of random roads that stand for a domain's roads (our choice)."""
 DRAWN: Final = 10_000
-"""Number of random drives that estimate the share of covered drives."""
+"""Number of random drives that estimate the share of covered drives (our choice)."""
 
-_RADII: Final = 5
-"""Number of cells of the least radius; ours."""
-_MOST_STEPS: Final = 6.5
-"""Most cells of another range, in cell widths; ours."""
-_ROUND_STEPS: Final = (1.0, 2.0, 2.5, 5.0, 10.0)
-"""Cell widths, times a power of 10; ours."""
+_RADIUS_CELLS: Final = 5
+"""Number of cells of the least radius (our choice)."""
+_MAX_WIDTHS: Final = 6.5
+"""Largest length of another range, in widths of its inner cells (our choice)."""
+_ROUND_WIDTHS: Final = (1.0, 2.0, 2.5, 5.0, 10.0)
+"""Widths of inner cells, each times a power of 10 (our choice)."""
+_WIDTH_TOLERANCE: Final = 0.999
+"""Share of a width that a round width must have: a rounding error must not lead to the next."""
+_LEAST_END_CELL: Final = 0.499
+"""Least width of the first and the last cell, in widths of inner cells: half, less a tolerance."""
 _EDGE_TOLERANCE: Final = 1e-3
-"""Share of the range by which a value may miss the first or the last edge; ours."""
+"""Share of the range by which a value may miss the first or the last edge (our choice)."""
+_RARE: Final = 1e-4
+"""Share of the drives below which a gap's likelihood has no number (our choice)."""
 
 
 @dataclass(frozen=True)
@@ -64,12 +71,12 @@ class Axis:
     """Whether the first cell is "as usual", for drives without an amount."""
 
     @property
-    def size(self) -> int:
+    def cell_count(self) -> int:
         """Number of cells."""
         return len(self.edges) - 1 + self.has_usual
 
     def limits(self, cell: int) -> tuple[float, float] | None:
-        """Return the ends of a cell; None for "as usual"."""
+        """Return the ends of a cell, numbered from 0; None for "as usual"."""
         i = cell - self.has_usual
         return None if i < 0 else (self.edges[i], self.edges[i + 1])
 
@@ -78,23 +85,23 @@ class Axis:
         limits = self.limits(cell)
         if limits is None:
             return "as usual"
-        low, high = map(_text, limits)
+        low, high = map(_edge_text, limits)
         if limits[1] == math.inf:
             return f"{low} or more"
         return low if low == high else f"{low} to {high}"
 
-    def words(self, cell: int) -> str:
-        """Return a cell as text, such as ``gust 0 to 10 m/s``."""
+    def title_text(self, cell: int) -> str:
+        """Return a cell with title and unit as text, such as ``gust 0 to 10 m/s``."""
         unit = f" {self.unit}" if self.unit and self.limits(cell) is not None else ""
         return f"{self.title} {self.text(cell)}{unit}"
 
     @property
     def ticks(self) -> list[tuple[float, str]]:
-        """Labels of an axis, edges and "usual", each with its position counted in cells."""
+        """Labels for edges and "usual", each with its position on the axis, counted in cells."""
         usual = [(0.5, "usual")] if self.has_usual else []
         if self.edges[0] == self.edges[1]:
-            return [*usual, (self.size - 0.5, _text(self.edges[0]))]
-        return usual + [(i + self.has_usual, _text(edge)) for i, edge in enumerate(self.edges)]
+            return [*usual, (self.cell_count - 0.5, _edge_text(self.edges[0]))]
+        return usual + [(i + self.has_usual, _edge_text(edge)) for i, edge in enumerate(self.edges)]
 
     def find(self, candidate: Candidate) -> int | None:
         """Return the cell of a candidate; None if the candidate lies outside."""
@@ -102,33 +109,34 @@ class Axis:
         if value is None:
             return 0 if self.has_usual else None
         low, high = self.edges[0], self.edges[-1]
-        room = _EDGE_TOLERANCE * (high - low if math.isfinite(high) else low)
-        if not low - room <= value <= high + room:
+        tolerance = _EDGE_TOLERANCE * (high - low if math.isfinite(high) else low)
+        if not low - tolerance <= value <= high + tolerance:
             return None
         i = int(np.searchsorted(self.edges, value, side="right")) - 1
         return min(max(i, 0), len(self.edges) - 2) + self.has_usual
 
     def _value(self, candidate: Candidate) -> float | None:
+        """Return the value of a candidate on this axis; None for "as usual"."""
         if self.name == RADIUS:
             sharpest = float(np.abs(candidate.curvatures).max())
             return 1.0 / sharpest if sharpest > 0.0 else math.inf
         if self.name == GRADE:
             return 0.0 if candidate.grade is None else 100.0 * np.abs(candidate.grade[:, 1]).max()
         amount = candidate.conditions.get(self.name)
-        # An amount without effect is not recorded.
-        return (
-            condition_named(self.name).nothing if amount is None and not self.has_usual else amount
-        )
+        if amount is None and not self.has_usual:
+            return condition_named(self.name).nothing  # an amount without effect is not recorded
+        return amount
 
 
-def _text(edge: float) -> str:
+def _edge_text(edge: float) -> str:
+    """Return an edge as text, with at most six digits."""
     return "∞" if edge == math.inf else f"{edge:.6g}"
 
 
 def axes_of(domain: Domain) -> list[Axis]:
-    """Return the axes of a domain: its conditions without a fixed amount, and its roads."""
+    """Return the axes of a domain: its conditions that vary, then properties of its roads."""
     axes = [
-        _condition_axis(name, amounts.low, amounts.high, amounts.chance < 1.0)
+        _condition_axis(name, amounts.low, amounts.high, has_usual=amounts.chance < 1.0)
         for name, amounts in domain.conditions.items()
         if amounts.low < amounts.high or amounts.chance < 1.0
     ]
@@ -136,19 +144,27 @@ def axes_of(domain: Domain) -> list[Axis]:
 
 
 def varied_axes(conditions: Sequence[Mapping[str, float]]) -> list[Axis]:
-    """Return the axes of the conditions in which drives differ, over the amounts that occur."""
+    """Return the axes of the conditions in which drives differ, over the amounts that occur.
+
+    Args:
+        conditions: conditions of each drive: name -> amount.
+    """
     axes = []
     names = (name for drive_conditions in conditions for name in named(drive_conditions))
     for name in dict.fromkeys(names):
-        amounts = [amounts_of[name] for amounts_of in conditions if name in amounts_of]
+        amounts = [
+            drive_conditions[name] for drive_conditions in conditions if name in drive_conditions
+        ]
         low, high, has_usual = min(amounts), max(amounts), len(amounts) < len(conditions)
         if low < high or has_usual:
-            axes.append(_condition_axis(name, low, high, has_usual))
+            axes.append(_condition_axis(name, low, high, has_usual=has_usual))
     return axes
 
 
-def _condition_axis(name: str, low: float, high: float, has_usual: bool) -> Axis:
-    return Axis(name, name, condition_named(name).unit, _round_edges(low, high), has_usual)
+def _condition_axis(name: str, low: float, high: float, *, has_usual: bool) -> Axis:
+    """Return the axis of a condition from a least to a largest amount."""
+    unit = condition_named(name).unit
+    return Axis(name, title=name, unit=unit, edges=_round_edges(low, high), has_usual=has_usual)
 
 
 def _road_axes(road_class: RoadClass | None) -> list[Axis]:
@@ -157,8 +173,10 @@ def _road_axes(road_class: RoadClass | None) -> list[Axis]:
     These are the least radius, in cells of about equal curvature, and the grade if roads have any.
     """
     least = 1.0 / (CURVATURE_BOUND if road_class is None else road_class.max_curvature)
-    others = (float(f"{least * _RADII / (_RADII - i):.2g}") for i in range(1, _RADII))
-    axes = [Axis(RADIUS, "least radius", "m", (float(f"{least:.4g}"), *others, math.inf))]
+    inner = (
+        float(f"{least * _RADIUS_CELLS / (_RADIUS_CELLS - i):.2g}") for i in range(1, _RADIUS_CELLS)
+    )
+    axes = [Axis(RADIUS, "least radius", "m", (float(f"{least:.4g}"), *inner, math.inf))]
     if road_class is not None and road_class.max_grade > 0.0:
         edges = _round_edges(0.0, 100.0 * road_class.max_grade)
         axes.append(Axis(GRADE, "steepest grade", "%", edges))
@@ -173,12 +191,14 @@ def _round_edges(low: float, high: float) -> tuple[float, ...]:
     """
     if low == high:
         return low, high
-    width = (high - low) / _MOST_STEPS
-    power = 10.0 ** math.floor(math.log10(width))
-    step = power * next(step for step in _ROUND_STEPS if step * power >= 0.999 * width)
-    least, most = low + 0.499 * step, high - 0.499 * step
-    numbers = range(math.ceil(least / step), math.floor(most / step) + 1)
-    return low, *(float(f"{number * step:.12g}") for number in numbers), high
+    least_width = (high - low) / _MAX_WIDTHS
+    power = 10.0 ** math.floor(math.log10(least_width))
+    width = power * next(
+        width for width in _ROUND_WIDTHS if width * power >= _WIDTH_TOLERANCE * least_width
+    )
+    first, last = low + _LEAST_END_CELL * width, high - _LEAST_END_CELL * width
+    multiples = range(math.ceil(first / width), math.floor(last / width) + 1)
+    return low, *(float(f"{multiple * width:.12g}") for multiple in multiples), high
 
 
 @dataclass(frozen=True, eq=False)
@@ -243,13 +263,13 @@ class Gap:
     @property
     def likelihood(self) -> str:
         """Share of the domain's drives in words."""
-        if self.share < 1e-4:
+        if self.share < _RARE:
             return "less than 1 drive in 10,000"
         return f"1 drive in {round(float(f'{1.0 / self.share:.2g}')):,}"
 
     def as_text(self) -> str:
         """Return the cells as text, such as ``friction 0.1 to 0.2 with delay as usual``."""
-        return " with ".join(axis.words(cell) for axis, cell in self.cells)
+        return " with ".join(axis.title_text(cell) for axis, cell in self.cells)
 
     def as_json(self) -> dict[str, Any]:
         """Return the gap as a JSON object, see `limits_json`."""
@@ -289,7 +309,7 @@ class DomainCoverage:
     def driven_share(self) -> float:
         """Share of the domain's drives whose cells, and pairs of cells, were all driven.
 
-        It is counted in `DRAWN` random drives, always the same.
+        The share is counted among `DRAWN` random drives, the same ones each time.
         """
         rng = np.random.default_rng(0)
         drawn = {
@@ -305,28 +325,26 @@ class DomainCoverage:
     def gaps(self) -> tuple[Gap, ...]:
         """Cells without a drive, the most probable first.
 
-        A pair of cells is left out if one of the two cells alone has no drive.
+        A pair of cells is left out if one of its two cells alone has no drive.
         """
         gaps = [
             Gap(tuple(zip(cells.axes, index, strict=True)), float(cells.shares[tuple(index)]))
             for cells in (*self.singles, *self.pairs)
             for index in np.argwhere(cells.drives == 0).tolist()
         ]
-        alone = {gap.cells[0] for gap in gaps if len(gap.cells) == 1}
-        listed = (gap for gap in gaps if len(gap.cells) == 1 or alone.isdisjoint(gap.cells))
+        single_gaps = {gap.cells[0] for gap in gaps if len(gap.cells) == 1}
+        listed = (gap for gap in gaps if len(gap.cells) == 1 or single_gaps.isdisjoint(gap.cells))
         return tuple(sorted(listed, key=lambda gap: -gap.share))
 
     def as_text(self) -> str:
-        """Return the coverage of the pairs of cells in words."""
-        parts = self.pairs or self.singles
-        count, driven, failed, missing = (
-            sum(getattr(cells, name) for cells in parts)
-            for name in ("count", "driven", "failed", "never_reached")
-        )
-        kind, share = "pairs of cells" if self.pairs else "cells", 100.0 * self.driven_share
+        """Return the coverage in words: of the pairs of cells, or of the cells of a single axis."""
+        parts, kind = (self.pairs, "pairs of cells") if self.pairs else (self.singles, "cells")
+        driven, count = sum(cells.driven for cells in parts), sum(cells.count for cells in parts)
+        failed = sum(cells.failed for cells in parts)
         return (
-            f"{driven} of {count} {kind} driven, {failed} with failures, {missing} never reached;"
-            f" {share:.0f} % of the domain's drives lie only in driven {kind}"
+            f"{driven} of {count} {kind} driven, {failed} with failures, {count - driven} never"
+            f" reached; {100.0 * self.driven_share:.0f} % of the domain's drives lie only in driven"
+            f" {kind}"
         )
 
     def as_json(self) -> dict[str, Any]:
@@ -348,7 +366,7 @@ class DomainCoverage:
                             "drives": int(cells.drives[i]),
                             "failures": int(cells.failures[i]),
                         }
-                        for i in range(axis.size)
+                        for i in range(axis.cell_count)
                     ],
                 }
                 for cells in self.singles
@@ -373,51 +391,78 @@ def domain_coverage(setting: DriveSetting, tests: Iterable[Test]) -> DomainCover
         return None
     domain = replace(setting.domain, road_class=setting.road_class)
     axes = axes_of(domain)
-    rows, failed, outside, first = [], [], 0, FirstTests()
+    rows, has_failed, outside, first_tests = [], [], 0, FirstTests()
     for test in tests:
-        if not (test.outcome.is_driven and first.add(test.candidate, test.outcome)):
+        if not (test.outcome.is_driven and first_tests.add(test.candidate, test.outcome)):
             continue
         row = [axis.find(test.candidate) for axis in axes]
         if None in row:
             outside += 1
         else:
             rows.append(row)
-            failed.append(test.outcome is Outcome.FAIL)
-    cells = np.array(rows, dtype=np.int64).reshape(-1, len(axes))
-    has_failed = np.array(failed, dtype=bool)
+            has_failed.append(test.outcome is Outcome.FAIL)
     roads = _random_roads(setting)
-    shares = [_shares(axis, domain, roads) for axis in axes]
-
-    def counted(*indices: int) -> Cells:
-        """Count the drives in the cells of an axis, or of a pair of axes."""
-        shape = tuple(axes[i].size for i in indices)
-
-        def numbers(drive_cells: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:
-            flat = np.ravel_multi_index([drive_cells[:, i] for i in indices], shape)
-            return np.bincount(flat, minlength=math.prod(shape)).reshape(shape)
-
-        share = shares[indices[0]] if len(indices) == 1 else np.outer(*(shares[i] for i in indices))
-        chosen_axes = tuple(axes[i] for i in indices)
-        return Cells(chosen_axes, share, numbers(cells), numbers(cells[has_failed]))
-
+    drive_cells = _DriveCells(
+        axes,
+        shares=[_shares(axis, domain, roads) for axis in axes],
+        cells=np.array(rows, dtype=np.int64).reshape(-1, len(axes)),
+        has_failed=np.array(has_failed, dtype=bool),
+    )
     return DomainCoverage(
         domain.name,
-        len(rows),
-        sum(failed),
-        outside,
-        tuple(counted(i) for i in range(len(axes))),
-        tuple(counted(*pair) for pair in combinations(range(len(axes)), 2)),
+        drives=len(rows),
+        failures=sum(has_failed),
+        outside=outside,
+        singles=tuple(drive_cells.count(i) for i in range(len(axes))),
+        pairs=tuple(drive_cells.count(i, j) for i, j in combinations(range(len(axes)), 2)),
     )
 
 
+@dataclass(frozen=True, eq=False)
+class _DriveCells:
+    """The cells in which each drive of a campaign lies."""
+
+    axes: Sequence[Axis]
+    """Axes of the domain."""
+    shares: Sequence[FloatArray]
+    """Share of the domain's drives in each cell, (cells,) for each axis."""
+    cells: npt.NDArray[np.int64]
+    """Number of the cell of each drive on each axis, (drives, axes)."""
+    has_failed: npt.NDArray[np.bool_]
+    """Whether each drive failed, (drives,)."""
+
+    def count(self, *indices: int) -> Cells:
+        """Return the drives counted by the cells of one axis or of two, given by their indices."""
+        shares = [self.shares[i] for i in indices]
+        return Cells(
+            axes=tuple(self.axes[i] for i in indices),
+            shares=shares[0] if len(shares) == 1 else np.outer(*shares),
+            drives=self._count_drives(self.cells, indices),
+            failures=self._count_drives(self.cells[self.has_failed], indices),
+        )
+
+    def _count_drives(
+        self, cells: npt.NDArray[np.int64], indices: Sequence[int]
+    ) -> npt.NDArray[np.int64]:
+        shape = tuple(self.axes[i].cell_count for i in indices)
+        flat = np.ravel_multi_index([cells[:, i] for i in indices], shape)
+        return np.bincount(flat, minlength=math.prod(shape)).reshape(shape)
+
+
 def _random_roads(setting: DriveSetting) -> list[Candidate]:
-    """Draw `ROADS` roads as the strategy ``random`` does, always the same."""
+    """Return `ROADS` roads, drawn as the strategy ``random`` does, the same ones each time."""
     rng = np.random.default_rng(0)
     roads = RandomRoads(map_size=setting.map_size, road_class=setting.road_class)
     roads.keep_map_margin(setting.map_margin)
     drawn = (roads.draw(rng) for _ in range(ROADS))
     return [
-        Candidate(1, values, roads.step, Origin(RANDOM), grade=roads.grade(rng, values))
+        Candidate(
+            id=1,
+            curvatures=values,
+            step=roads.step,
+            origin=Origin(RANDOM),
+            grade=roads.grade(rng, values),
+        )
         for values in drawn
     ]
 
@@ -426,7 +471,7 @@ def _shares(axis: Axis, domain: Domain, roads: Sequence[Candidate]) -> FloatArra
     """Return the share of the domain's drives in each cell of an axis, (n,)."""
     if axis.name in (RADIUS, GRADE):
         cells = np.array([axis.find(road) for road in roads])
-        shares: FloatArray = np.bincount(cells, minlength=axis.size) / len(roads)
+        shares: FloatArray = np.bincount(cells, minlength=axis.cell_count) / len(roads)
         return shares
     amounts = domain.conditions[axis.name]
     usual = [1.0 - amounts.chance] if axis.has_usual else []

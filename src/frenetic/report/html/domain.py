@@ -32,7 +32,7 @@ def domain_section(coverage: DomainCoverage) -> Section:
 def _row(cells: Cells) -> dict[str, Any]:
     (axis,) = cells.axes
     cells_data = []
-    for i in range(axis.size):
+    for i in range(axis.cell_count):
         drives, failures = int(cells.drives[i]), int(cells.failures[i])
         text = f"{failures} of {drives} failed" if failures else f"{drives} passed"
         cells_data.append(

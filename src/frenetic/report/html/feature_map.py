@@ -135,7 +135,7 @@ def _axis(axis: Axis, cells: Sequence[int | None]) -> dict[str, Any]:
         "description": capitalised(axis.title),
         "unit": axis.unit,
         "counts": False,
-        "texts": [proper(capitalised(axis.words(i))) for i in range(axis.size)],
+        "texts": [proper(capitalised(axis.title_text(i))) for i in range(axis.cell_count)],
         "ticks": [(place, proper(text)) for place, text in axis.ticks],
         "bins": bins,
     }
