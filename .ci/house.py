@@ -66,6 +66,7 @@ MANY_PARAMETERS: Final = {
     "search/frenetic.py:__init__": OPTIONS,
     "search/frenetic_2021.py:__init__": OPTIONS,
     "search/random_roads.py:__init__": OPTIONS,
+    "search/random_search.py:__init__": OPTIONS,
     "simulators/drive_loop.py:follow": "what a simulator hands to the loop of a drive, by keyword",
     "simulators/embedded/simulator.py:__init__": OPTIONS,
     "testing/lane_test.py:keeps_lane": OPTIONS,

@@ -24,7 +24,8 @@ from frenetic import Campaign, CampaignStore
 from frenetic._support.words import part_word
 from frenetic.analysis import Comparison
 from frenetic.analysis.clusters import cluster_failures
-from frenetic.analysis.comparison import MeasureComparison, PairComparison, compare, p_text
+from frenetic.analysis.comparison import MeasureComparison, PairComparison, compare
+from frenetic.analysis.comparison_text import p_text
 from frenetic.analysis.failures import Failure, failures_of
 from frenetic.campaign.database import DATABASE
 from frenetic.campaign.workers import available_cores

@@ -12,9 +12,9 @@ from frenetic.analysis.comparison import (
     Comparison,
     compare,
     compare_measured,
-    pair_rows,
     repeats_needed,
 )
+from frenetic.analysis.comparison_text import pair_rows
 from frenetic.analysis.groups import find_campaigns, group_campaigns
 from frenetic.analysis.metrics import MEASURES, CampaignMeasures
 from frenetic.campaign import Budget, Campaign

@@ -104,13 +104,18 @@ def test_cells_counted_by_hand() -> None:
         3,
     )
     gust, delay, radius = coverage.axes
-    assert [gust.text(i) for i in range(gust.size)] == ["-10 to -5", "-5 to 0", "0 to 5", "5 to 10"]
+    assert [gust.text(i) for i in range(gust.cell_count)] == [
+        "-10 to -5",
+        "-5 to 0",
+        "0 to 5",
+        "5 to 10",
+    ]
     texts = ["as usual", "0 to 0.05", "0.05 to 0.1", "0.1 to 0.15", "0.15 to 0.2"]
-    assert [delay.text(i) for i in range(delay.size)] == texts
+    assert [delay.text(i) for i in range(delay.cell_count)] == texts
     assert delay.title_text(0) == "delay as usual"
     assert delay.title_text(1) == "delay 0 to 0.05 s"
     texts = ["14.29 to 18", "18 to 24", "24 to 36", "36 to 71", "71 or more"]
-    assert [radius.text(i) for i in range(radius.size)] == texts
+    assert [radius.text(i) for i in range(radius.cell_count)] == texts
     assert [counts(cells) for cells in coverage.singles] == [
         ["0/1", "1/1", "1/2", "0/1"],
         ["0/2", "0/0", "1/1", "0/0", "1/2"],
@@ -188,7 +193,7 @@ def test_shares_of_a_normal_distribution_and_of_a_fixed_amount() -> None:
         [0.1359 / 0.9545, 0.3413 / 0.9545, 0.3413 / 0.9545, 0.1359 / 0.9545], abs=1e-4
     )
     delay = coverage.axes[1]
-    assert [delay.text(i) for i in range(delay.size)] == ["as usual", "0.2"]
+    assert [delay.text(i) for i in range(delay.cell_count)] == ["as usual", "0.2"]
     assert coverage.singles[1].shares == pytest.approx([0.9, 0.1])
     assert counts(coverage.singles[1]) == ["0/1", "0/1"]
     assert delay.ticks == [(0.5, "usual"), (1.5, "0.2")]
@@ -240,7 +245,7 @@ def test_sums_of_cells_agree(domain: Domain, number: int, seed: int) -> None:
         assert (
             cells.driven + cells.never_reached
             == cells.count
-            == math.prod(a.size for a in cells.axes)
+            == math.prod(a.cell_count for a in cells.axes)
         )
         assert cells.drives.sum() == number
         assert cells.failures.sum() == coverage.failures

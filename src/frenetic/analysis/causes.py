@@ -99,8 +99,9 @@ def as_text(kind: Kind, bend_side: Side | None = None, criterion: str = "") -> s
 def kind_number(road: Road, drive: Drive) -> float:
     """Return the number of the kind of cause of a drive's failure, from 1; 0 without a failure.
 
-    Each criterion that a drive can exceed has a number of its own, from that of `Kind.EXCEEDS` on.
-    Minimising takes this number as its objective, to know whether a shorter road fails alike.
+    Each criterion that a drive can exceed has a number of its own, from the number of
+    `Kind.EXCEEDS` on. Minimising takes this number as its objective, to know whether a shorter road
+    fails alike.
     """
     result = judge(road, drive)
     if result.outcome is not Outcome.FAIL or not len(drive.trajectory):

@@ -1,8 +1,8 @@
 """Distinct failures: clusters of failures that are the same problem.
 
-Failures on different sides of the lane, or by different criteria, are different problems. Those of
-one side and criterion are clustered by average linkage (UPGMA) on the square of their difference,
-see `frenetic.analysis.failures`. Clusters are joined while the root mean square difference between
+Failures on different sides of the lane, or by different criteria, are different problems. Other
+failures are clustered by average linkage (UPGMA) on the square of their difference, see
+`frenetic.analysis.failures`. Clusters are joined while the root mean square difference between
 their members is at most 2 m, half a lane. Equal failures count once, so order and repetitions of
 the failures do not matter.
 

@@ -1,8 +1,8 @@
-"""Comparison of groups of campaigns, such as one per strategy, each with its repeats.
+"""Comparison of groups of campaigns, such as one group per strategy with its repeats.
 
-`measure_campaign` measures a campaign, `compare` compares groups of them: medians and quartiles,
-mean ranks, the effect size A12 of Vargha and Delaney, and the Mann-Whitney test for each pair of
-groups, corrected by Holm where there are several pairs.
+`measure_campaign` measures a campaign, `compare` compares groups of campaigns: medians and
+quartiles, mean ranks, the effect size A12 of Vargha and Delaney, and the Mann-Whitney test for each
+pair of groups, corrected by Holm where there are several pairs.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from functools import cached_property
 from itertools import combinations, count
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 
@@ -43,6 +43,10 @@ from frenetic.analysis.statistics import (
 )
 from frenetic.errors import FreneticError
 
+_RANK_DIGITS: Final = 9  # decimal places of mean ranks: a rounding error must not order groups
+_MOST_UNEQUAL: Final = 1.1
+"""Most simulations per least simulations of campaigns that compare fairly (our choice)."""
+
 
 @dataclass(frozen=True)
 class PairComparison:
@@ -53,9 +57,8 @@ class PairComparison:
     second: str
     """Name of the second group."""
     a12: float
-    """Chance 0..1 that a campaign of the first group does better than one of the second.
-
-    It is Vargha and Delaney's A12, of the negated values where less is better. Ties count half."""
+    """Vargha and Delaney's A12: the chance 0..1 that a campaign of the first group does better than
+    a campaign of the second. Ties count half."""
     p: float
     """p of the two-sided Mann-Whitney test."""
     p_corrected: float
@@ -70,12 +73,12 @@ class PairComparison:
 
     @property
     def magnitude(self) -> str:
-        """Size of the effect."""
+        """Size of the effect in words, such as large."""
         return magnitude(self.a12)
 
     @property
     def verdict(self) -> str:
-        """Verdict on the two groups. If no difference is shown, chance explains the values."""
+        """Verdict on the two groups. If no difference is shown, chance may explain the values."""
         if self.better is not None:
             return f"the {'first' if self.better == self.first else 'second'} is better"
         return "no difference shown" if self.has_enough_repeats else "too few repeats to tell"
@@ -93,17 +96,21 @@ class MeasureComparison:
     """Comparison of all groups by one measure."""
 
     measure: Measure
+    """Measure by which the groups are compared."""
     values: Mapping[str, tuple[float, ...]]
     """Name of a group -> value of each of its campaigns."""
     pairs: tuple[PairComparison, ...]
-    """Comparisons of each two groups."""
+    """Comparisons of all pairs of groups."""
 
     def quartiles(self, group: str) -> Quartiles:
         """Return the quartiles of a group's values."""
         return quartiles(self.values[group])
 
-    def between(self, group: str) -> str:
-        """Return the first and third quartile of a group as text; empty if both are infinite."""
+    def quartile_range(self, group: str) -> str:
+        """Return the first and third quartile of a group as text, such as ``4 to 7``.
+
+        The text is empty for a single campaign, and if both quartiles are infinite.
+        """
         values = self.quartiles(group)
         if values.n == 1 or (math.isinf(values.low) and math.isinf(values.high)):
             return ""
@@ -115,27 +122,31 @@ class MeasureComparison:
 
     def text(self, group: str) -> str:
         """Return the median of a group, with its quartiles in brackets."""
-        between, median = self.between(group), self.median(group)
-        return f"{median} ({between})" if between else median
+        quartile_range, median = self.quartile_range(group), self.median(group)
+        return f"{median} ({quartile_range})" if quartile_range else median
 
     @cached_property
     def _mean_ranks(self) -> Mapping[str, float]:
         """Name of a group -> mean rank of its campaigns among all campaigns; 1 is the best."""
         all_ranks = ranks(-self.measure.sign * np.concatenate([*self.values.values()]))
         ends = np.cumsum([len(values) for values in self.values.values()])
-        group_ranks = zip(self.values, np.split(all_ranks, ends[:-1]), strict=True)
-        return {name: float(part.mean()) for name, part in group_ranks}
+        ranks_by_group = np.split(all_ranks, ends[:-1])
+        return {
+            name: float(group_ranks.mean())
+            for name, group_ranks in zip(self.values, ranks_by_group, strict=True)
+        }
 
     @cached_property
     def positions(self) -> Mapping[str, int]:
-        """Name of a group -> its position from 1, by the median, then by the mean rank.
+        """Name of a group -> position from 1, the best, by the median, then by the mean rank.
 
         Groups with equal medians and mean ranks share the better position: 1, 1, 3.
         """
         scores = {
-            name: (-self.measure.sign * self.quartiles(name).median, round(rank, 9))
+            name: (-self.measure.sign * self.quartiles(name).median, round(rank, _RANK_DIGITS))
             for name, rank in self._mean_ranks.items()
         }
+        # A lower score is better.
         return {
             name: 1 + sum(other < score for other in scores.values())
             for name, score in scores.items()
@@ -154,7 +165,7 @@ class MeasureComparison:
         return tuple(sorted(self.values, key=lambda name: self.positions[name]))
 
     def worse_than(self, group: str) -> tuple[str, ...]:
-        """Return the groups that are worse than another."""
+        """Return the groups that are shown to be worse than another group."""
         return tuple(
             pair.second if pair.first == group else pair.first
             for pair in self.pairs
@@ -173,7 +184,7 @@ class Comparison(NotebookRepr):
     notes: tuple[str, ...]
     """Limits of the comparison, each in a sentence."""
     shared: Mapping[str, str] = field(default_factory=dict)
-    """Part of a configuration -> its common value in all campaigns, in words."""
+    """Part of a configuration that all campaigns share -> value of the part as text."""
 
     def __repr__(self) -> str:
         """Return the groups with their numbers of campaigns."""
@@ -185,7 +196,7 @@ class Comparison(NotebookRepr):
 
     @property
     def headline(self) -> MeasureComparison:
-        """Comparison by distinct failures, which orders the groups."""
+        """Comparison by distinct failures, which decides on the order of the groups."""
         return self.by(HEADLINE)
 
     def by(self, name: str) -> MeasureComparison:
@@ -210,7 +221,7 @@ def compare(groups: Mapping[str, Iterable[Path | str]]) -> Comparison:
     Raises:
         CampaignError: a campaign does not exist or is damaged.
         FreneticError: there are fewer than two groups, a group is empty or a single folder rather
-            than a list, or a campaign is there twice.
+            than a list, or a campaign is given twice.
     """
     if len(groups) < 2:
         raise FreneticError(
@@ -218,15 +229,7 @@ def compare(groups: Mapping[str, Iterable[Path | str]]) -> Comparison:
             " differ in nothing but the seed are one group"
         )
     listed = {name: require_list(f"group {name}", folders) for name, folders in groups.items()}
-    paths: set[Path] = set()
-    for name, folders in listed.items():
-        if not folders:
-            raise FreneticError(f"group {name} has no campaigns: at least one is needed")
-        for folder in folders:
-            path = Path(folder).resolve()
-            if path in paths:
-                raise FreneticError(f"{folder} is there twice: give each campaign once")
-            paths.add(path)
+    _require_different_campaigns(listed)
     measured = {
         name: tuple(measure_campaign(folder) for folder in folders)
         for name, folders in listed.items()
@@ -239,19 +242,38 @@ def compare(groups: Mapping[str, Iterable[Path | str]]) -> Comparison:
     )
 
 
+def _require_different_campaigns(groups: Mapping[str, Sequence[Path | str]]) -> None:
+    """Raise a `FreneticError` if a group is empty or a campaign is given twice."""
+    paths: set[Path] = set()
+    for name, folders in groups.items():
+        if not folders:
+            raise FreneticError(f"group {name} has no campaigns: at least one is needed")
+        for folder in folders:
+            path = Path(folder).resolve()
+            if path in paths:
+                raise FreneticError(f"{folder} is there twice: give each campaign once")
+            paths.add(path)
+
+
 def compare_measured(
     groups: Mapping[str, tuple[CampaignMeasures, ...]],
     *,
     notes: Iterable[str] = (),
     shared: Mapping[str, str] = MappingProxyType({}),
 ) -> Comparison:
-    """Compare groups of measured campaigns, as `compare` does."""
+    """Compare groups of measured campaigns, as `compare` does.
+
+    Args:
+        groups: name -> campaigns that repeat each other.
+        notes: limits of the comparison, each in a sentence.
+        shared: see `Comparison.shared`.
+    """
     widths = {campaign.lane_width for campaigns in groups.values() for campaign in campaigns}
     comparisons = (_compare_by(measure, groups) for measure in _measures_on(widths))
     return Comparison(
         groups=groups,
         measures=tuple(comparison for comparison in comparisons if comparison is not None),
-        notes=(*notes, *_weakness(groups)),
+        notes=(*notes, *_note_on_power(groups)),
         shared=shared,
     )
 
@@ -259,8 +281,10 @@ def compare_measured(
 def _measures_on(lane_widths: Collection[float]) -> Iterator[Measure]:
     """Yield the measures; the MOOBD's unit names its maximum if all lanes have the same width."""
     for measure in MEASURES.values():
-        is_known = measure.name == "min_moobd" and len(lane_widths) == 1
-        yield replace(measure, unit=oob_unit(*lane_widths)) if is_known else measure
+        if measure.name == "min_moobd" and len(lane_widths) == 1:
+            yield replace(measure, unit=oob_unit(*lane_widths))
+        else:
+            yield measure
 
 
 def _compare_by(
@@ -273,6 +297,7 @@ def _compare_by(
         values[name] = tuple(value for value in measured if value is not None)
         if len(values[name]) < len(measured):
             return None
+    # Larger is better.
     signed = {name: measure.sign * np.array(row) for name, row in values.items()}
     names = list(combinations(groups, 2))
     p_values = [mann_whitney(values[first], values[second]) for first, second in names]
@@ -293,8 +318,8 @@ def _compare_by(
 def least_p(sizes: Sequence[int]) -> float:
     """Return the least possible p of two groups, corrected by Holm for all pairs of groups.
 
-    The least p needs values without ties, all of one group better than all of the other: 2 of all
-    ways to deal the campaigns to the two groups are as extreme.
+    p is least if all values of one group are better than all of the other. Of all ways to
+    distribute the campaigns to the two groups, 2 are that extreme.
 
     Args:
         sizes: number of campaigns in each of two or more groups.
@@ -308,8 +333,8 @@ def repeats_needed(groups: int) -> int:
     return next(n for n in count(LEAST_REPEATS) if least_p([n] * groups) < SIGNIFICANT)
 
 
-def _weakness(groups: Mapping[str, Sequence[object]]) -> Iterator[str]:
-    """Yield a note if no difference can be shown, however large."""
+def _note_on_power(groups: Mapping[str, Sequence[object]]) -> Iterator[str]:
+    """Yield a note if the campaigns are too few to show any difference, however large."""
     sizes = [len(campaigns) for campaigns in groups.values()]
     if len(sizes) < 2 or min(sizes) < LEAST_REPEATS:
         return
@@ -322,7 +347,7 @@ def _weakness(groups: Mapping[str, Sequence[object]]) -> Iterator[str]:
 
 
 def _drivers_differ(parts: Mapping[str, Sequence[Mapping[str, Any]]]) -> Iterator[str]:
-    """Yield a note if groups have different drivers, which a comparison of searches cannot rate."""
+    """Yield a note if groups have different drivers, which this comparison does not rate."""
     first, *others = (configs[0]["driver"] for configs in parts.values())
     if any(driver != first for driver in others):
         yield (
@@ -352,7 +377,7 @@ def _notes(
         if unfinished:
             notes.append(f"campaigns of {name} did not finish: {', '.join(unfinished)}")
     spent = {campaign.simulations for campaigns in measured.values() for campaign in campaigns}
-    if max(spent) > 1.1 * min(spent):
+    if max(spent) > _MOST_UNEQUAL * min(spent):
         notes.append(
             f"the campaigns have from {min(spent)} to {max(spent)} simulations, and more find more:"
             " compare campaigns of equal length, or look at the curves"
@@ -364,74 +389,3 @@ def _notes(
             f" {MOST_COMPARED} of them, evenly spaced"
         )
     return notes
-
-
-# In words
-
-
-def findings(comparison: Comparison) -> str:
-    """Return the findings by the headline measure, in a sentence or two."""
-    by = comparison.headline
-    order = by.order
-    few = order if len(order) <= 4 else (*order[:3], order[-1])
-    values = [f"{name} {by.text(name)}" for name in few]
-    left = len(order) - len(few)
-    rest = f", {counted(left, 'group')} between" if left else ""
-    medians = f"Median (quartiles) of {by.measure.title}: {'; '.join(values)}{rest}."
-    return f"{verdict(comparison)} {medians}"
-
-
-def verdict(comparison: Comparison) -> str:
-    """Return the verdict on the first group by the headline measure, in a sentence."""
-    by = comparison.headline
-    if len(by.values) == 1:
-        return "There is nobody to compare with."
-    if min(len(values) for values in by.values.values()) < LEAST_REPEATS:
-        return f"Too few repeats to tell: at least {LEAST_REPEATS} campaigns a group are needed."
-    if not any(pair.better for pair in by.pairs):
-        return f"No difference in {by.measure.title} is shown."
-    best, second = by.order[:2]
-    worse = by.worse_than(best)
-    if by.positions[second] == 1 or not worse:
-        return f"No group is shown to find the most {by.measure.title}."
-    if level := [name for name in by.values if name != best and name not in worse]:
-        return (
-            f"{best} comes first in {by.measure.title}, shown to find more than {in_short(worse)},"
-            f" not than {in_short(level)}."
-        )
-    evidence = ", which is shown for each of them"
-    if len(by.pairs) == 1:
-        (pair,) = by.pairs
-        odds = max(pair.a12, 1.0 - pair.a12)
-        evidence = f" (A12 {odds:.2f}, {pair.magnitude}; p {p_text(pair.p)})"
-    return f"{best} finds more {by.measure.title} than {in_short(worse)}{evidence}."
-
-
-def pair_rows(measures: Iterable[MeasureComparison]) -> Iterator[tuple[str, str, str, str, str]]:
-    """Yield a row per pair of groups: measure, verdict, A12, effect, p after correction.
-
-    The measure stands only in its first row. A12 belongs to the group that the verdict names first.
-    """
-    for by in measures:
-        for i, pair in enumerate(by.pairs):
-            effect, p = (
-                (pair.magnitude, p_text(pair.p_corrected))
-                if pair.has_enough_repeats
-                else ("–", "–")
-            )
-            a12 = 1.0 - pair.a12 if pair.better == pair.second else pair.a12
-            yield "" if i else by.measure.title, by.pair_text(pair), f"{a12:.2f}", effect, p
-
-
-def in_short(names: Sequence[str], most: int = 3) -> str:
-    """Return names in a row; of many names, the first ones and the number of others."""
-    if len(names) > most:
-        names = [*names[: most - 1], f"{len(names) - most + 1} others"]
-    return " and ".join(filter(None, [", ".join(names[:-1]), names[-1]]))
-
-
-def p_text(value: float) -> str:
-    """Return a p value with its meaningful digits."""
-    if value < 0.001:
-        return "< 0.001"
-    return f"{value:.2g}" if value < 0.1 else f"{value:.2f}"

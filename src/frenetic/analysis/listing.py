@@ -29,8 +29,8 @@ def list_tests(
 
     Tests come without their trajectories, each with those features and conditions by which the list
     is filtered and sorted. A test without the value by which the list is sorted comes last.
-    Features are those of the segment around the departure, or else around the least oob distance;
-    they take about a millisecond for each test. For a condition that a test lacks, the amount
+    Features are measured on the segment around the departure, or else the least oob distance; they
+    take about a millisecond for each test. For a condition that a test lacks, the amount
     without effect counts.
 
     Args:

@@ -213,7 +213,7 @@ def print_comparison(comparison: Comparison) -> None:
 
     Many groups are compared in pairs by the headline measure only.
     """
-    from frenetic.analysis.comparison import verdict
+    from frenetic.analysis.comparison_text import verdict
     from frenetic.campaign.counts import Counts
 
     sizes = ", ".join(f"{len(campaigns)} of {n}" for n, campaigns in comparison.groups.items())
@@ -258,7 +258,7 @@ def _print_by_group(comparison: Comparison) -> None:
 
 
 def _print_pairs(measures: Sequence[MeasureComparison], *, several: bool) -> None:
-    from frenetic.analysis.comparison import pair_rows
+    from frenetic.analysis.comparison_text import pair_rows
 
     print_table(
         ("", "what can be said", ">A12", ">effect", ">p (Holm)" if several else ">p"),

@@ -14,13 +14,8 @@ from matplotlib.ticker import MaxNLocator
 
 from frenetic._support.arrays import evenly
 from frenetic._support.words import capitalised
-from frenetic.analysis.comparison import (
-    Comparison,
-    MeasureComparison,
-    findings,
-    in_short,
-    pair_rows,
-)
+from frenetic.analysis.comparison import Comparison, MeasureComparison
+from frenetic.analysis.comparison_text import findings, in_short, pair_rows
 from frenetic.analysis.metrics import CampaignMeasures, Curve, curves
 from frenetic.analysis.statistics import LEAST_REPEATS, SIGNIFICANT
 from frenetic.report.html.campaign import REPORT
@@ -169,7 +164,7 @@ def _headline(comparison: Comparison, lead: str) -> DataBlock:
             "lead": " ".join(text for text in (lead, findings(comparison)) if text),
             "warning": " ".join(f"{capitalised(note)}." for note in comparison.notes),
             "tiles": [
-                (f"{by.positions[name]}. {name}", by.median(name), by.between(name), "")
+                (f"{by.positions[name]}. {name}", by.median(name), by.quartile_range(name), "")
                 for name in by.order[:MOST_TILES]
             ],
             "facts": facts,
@@ -208,7 +203,7 @@ def group_table(comparison: Comparison) -> DataBlock:
         {
             "columns": [by.measure for by in varying],
             "rows": [
-                (group, [(by.median(name), by.between(name)) for by in varying])
+                (group, [(by.median(name), by.quartile_range(name)) for by in varying])
                 for name, group in groups_of(comparison).items()
             ],
             "caption": f"Median, and under it the quartiles.{same}",
