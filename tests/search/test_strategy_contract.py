@@ -283,9 +283,9 @@ def _evaluation(
 @pytest.mark.parametrize(
     ("number", "moobd", "spent", "message"),
     [
-        (-1, 1.0, 0.0, "candidate -1 was never asked, the last one asked is 2"),
-        (0, 1.0, 0.0, "candidate 0 was never asked, the last one asked is 2"),
-        (3, 1.0, 0.0, "candidate 3 was never asked, the last one asked is 2"),
+        (-1, 1.0, 0.0, "candidate -1 was never asked: the last candidate is 2"),
+        (0, 1.0, 0.0, "candidate 0 was never asked: the last candidate is 2"),
+        (3, 1.0, 0.0, "candidate 3 was never asked: the last candidate is 2"),
         (1, 1.0, 0.0, "candidate 1 was told already"),
         (2, math.nan, 0.0, "MOOBD must be a finite number of m, got nan"),
         (2, math.inf, 0.0, "MOOBD must be a finite number of m, got inf"),
@@ -318,3 +318,8 @@ def test_an_evaluation_accepts_the_name_of_an_outcome_and_no_other_text() -> Non
     strategy.tell(evaluation)
     with pytest.raises(ValueError, match="outcome is 'fail': one of PASS, FAIL, INVALID, ERROR, "):
         Evaluation(strategy.ask(), "fail", -1.0, 0.1)  # type: ignore[arg-type]
+
+
+def test_a_candidate_without_curvatures_has_no_length() -> None:
+    points = np.zeros((2, 2))
+    assert Candidate(1, np.empty(0), 10.0, Origin("random"), points).length == 0.0

@@ -21,14 +21,15 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Origin:
-    """Origin of a candidate."""
+    """How a candidate was made."""
 
     operator: str
-    """Name of the operator that made the road, as in Listing 1: ``random``, ``P1`` .. ``C2``."""
+    """Name of the operator that made the road, such as ``random`` or ``P1``; the built-in names are
+    in `frenetic.search.operator_names`."""
     parents: tuple[int, ...] = ()
-    """Ids of the candidate's parents."""
+    """Ids of the candidates from which it was made; empty for a random road."""
     generation: int = 0
-    """Generation: 0 for a random road, otherwise one more than its youngest parent's."""
+    """Generation: 0 for a road without parents, otherwise 1 plus the largest of the parents'."""
 
 
 @dataclass(frozen=True)
@@ -38,7 +39,7 @@ class SourceTest:
     campaign: str
     """Folder of the campaign."""
     test: int
-    """Number of the test."""
+    """Id of the test."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,38 +47,40 @@ class Candidate:
     """A road that a strategy wants judged."""
 
     id: int
-    """Number from 1 in the order of asking."""
+    """Number in the order of asking, from 1."""
     curvatures: FloatArray
     """Curvature samples, (N,) in 1/m, read-only."""
     step: float
     """Distance between two curvature samples, in m."""
     origin: Origin
+    """How the road was made."""
     points: FloatArray | None = None
-    """Points of the road on the map, (N, 2) in m, read-only, if it was proposed as points.
+    """Points of the road on the map, (N, 2) in m, read-only; None if it was proposed as curvatures.
 
-    Then the points are judged and driven where they lie, and the curvatures follow from them;
-    curvatures are empty if no road passes through the points.
+    Points are judged and driven where they lie, and the curvatures follow from them. The curvatures
+    are empty if no road passes through the points.
     """
     conditions: Mapping[str, int | float] = field(default_factory=dict)
-    """Name of a condition -> its amount, where it differs from the campaign's; seeds are whole
-    numbers."""
+    """Name of a condition -> amount, if it differs from the campaign's. An amount that is a seed is
+    a whole number."""
     repeat: int = 0
     """Number from 0 of this drive among the drives of one road in the same conditions."""
     source: SourceTest | None = None
     """Test that the road comes from; None if the strategy made the road."""
     notes: Mapping[str, Any] = field(default_factory=dict)
-    """Notes of the strategy, as JSON; stored, and read by nobody else."""
+    """Notes of the strategy, as JSON: they are stored, and only the strategy reads them."""
+    # Profiles: rows of a distance along the road in m and the value there, see frenetic.road.Road.
     superelevation: FloatArray | None = None
-    """Superelevation, (k, 2), see `frenetic.road.Road`; None for a level road, or for the profile
-    of the campaign's road class."""
+    """Superelevation, (k, 2) in m and as a slope; None: as the campaign's road class says, level
+    without a class."""
     grade: FloatArray | None = None
-    """Grade, (k, 2); None for a road that neither rises nor falls."""
+    """Grade, (k, 2) in m and as a slope; None for a road that neither rises nor falls."""
     widening: FloatArray | None = None
-    """Widening of the lanes, (k, 2); None for lanes of one width, or as the campaign's road class
-    widens them."""
+    """Widening of each lane, (k, 2) in m and m; None: as the campaign's road class says, none
+    without a class."""
     speed_limits: FloatArray | None = None
-    """Speed limits of the road, (k, 2) in m and km/h, each from its station on; None for a road
-    without a limit of its own."""
+    """Speed limits, (k, 2) in m and km/h, each from its distance on; None for a road without
+    limits."""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "curvatures", _read_only(self.curvatures))
@@ -87,8 +90,8 @@ class Candidate:
 
     @property
     def length(self) -> float:
-        """Length of the road, in m."""
-        return (len(self.curvatures) - 1) * self.step
+        """Length of the road, in m; 0 without curvatures."""
+        return max(len(self.curvatures) - 1, 0) * self.step
 
     def road(
         self,
@@ -96,12 +99,12 @@ class Candidate:
         pose: Pose | None = None,
         road_class: RoadClass | None = None,
     ) -> Road:
-        """Return the road of the curvatures and profiles, at a pose or at the usual place.
+        """Return the road of the curvatures and profiles.
 
         Args:
-            lane_width: m.
-            pose: Pose of the road's start.
-            road_class: Class by which the road leans and widens where the candidate does not say.
+            lane_width: Width of each lane, in m.
+            pose: Pose of the road's start; by default `frenetic.road.road.START`.
+            road_class: Class whose superelevation and widening replace those that are None.
 
         Raises:
             RoadError: Curvatures or profiles make no road.
@@ -124,11 +127,12 @@ class Candidate:
         )
 
     def __reduce__(self) -> tuple[Any, ...]:
-        # Made anew, so that the values are read-only again.
+        # A copied array is writable: the constructor makes it read-only again.
         return Candidate, tuple(getattr(self, item.name) for item in fields(Candidate))
 
 
 def _read_only(values: FloatArray) -> FloatArray:
+    """Return a read-only copy."""
     copied = np.array(values, dtype=np.float64)
     copied.setflags(write=False)
     return copied
@@ -136,7 +140,7 @@ def _read_only(values: FloatArray) -> FloatArray:
 
 @dataclass(frozen=True, eq=False)
 class Trace:
-    """A drive relative to its road, record by record, up to the record that ended it."""
+    """A drive relative to its road, record by record, up to the record that ended the drive."""
 
     distance: FloatArray
     """Distance along the road, (n,) in m, n >= 1."""
@@ -149,6 +153,7 @@ class Trace:
     def along(cls, road: Road, path: FloatArray, speed: FloatArray) -> Trace:
         """Return the trace of a path, (n, 2) in m on the map, with its speeds, (n,) in m/s."""
         track = road.track(path)
+        # The ego lane's centre lies half a lane to the right of the road's centre line.
         return cls(track[:, 0], track[:, 1] + 0.5 * road.lane_width, speed)
 
 
@@ -160,26 +165,26 @@ def _no_trace() -> Trace | None:
 class Evaluation:
     """Result of a candidate, as a strategy is told it.
 
-    Fields with a default may be left out. A resumed campaign tells the same results, bit for bit.
-
     Raises:
-        ValueError: There is no such outcome.
+        ValueError: No outcome has this name.
     """
 
     candidate: Candidate
+    """The candidate that was judged."""
     outcome: Outcome
-    """An outcome, or its name."""
+    """Outcome; the constructor takes its name, too."""
     moobd: float | None
-    """Minimum oob distance in m, smaller is worse for the driver; None unless PASS or FAIL, or if
-    nobody measured it."""
+    """Minimum out-of-bounds distance of the drive in m, smaller is worse for the driver; None
+    unless PASS or FAIL, or if it was not measured."""
     budget_spent: float
-    """Share of the campaign's budget spent when this was told, 0..1."""
+    """Share of the campaign's budget that was spent when the result was told, 0..1; above 1 if the
+    budget was exceeded."""
     finding: Finding | None = None
-    """Gravest breach of a criterion, see `frenetic.oracle.Result`; None if there is none, as for a
-    car that stood still."""
+    """Gravest breach of a criterion, see `frenetic.oracle.Result`; None for a PASS, and for a FAIL
+    without a breach: the car stood still or was too slow."""
     worst_place: float | None = None
-    """Distance along the road to where the drive was worst by the objective, for the MOOBD to where
-    the car was furthest off its lane's centre, in m."""
+    """Distance along the road, in m, to where the drive was worst by the campaign's objective. By
+    the MOOBD, the car was furthest from its lane's centre there."""
     duration: float | None = None
     """Simulated time, in s."""
     fault: Fault | None = None
@@ -187,7 +192,7 @@ class Evaluation:
     objective: float | None = None
     """Value to be minimised, if the campaign has another objective than the MOOBD."""
     read_trace: Callable[[], Trace | None] = field(default=_no_trace, compare=False, repr=False)
-    """Source of `trace`."""
+    """Function that reads `trace`; it is called at most once."""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "outcome", Outcome(self.outcome))
@@ -199,7 +204,10 @@ class Evaluation:
 
     @property
     def severity(self) -> float | None:
-        """Value to be minimised, lower is worse for the driver; None unless PASS or FAIL."""
+        """Value to be minimised, lower is worse for the driver; None unless PASS or FAIL.
+
+        It is the MOOBD, or the value of the campaign's other objective.
+        """
         return self.moobd if self.objective is None else self.objective
 
     @cached_property

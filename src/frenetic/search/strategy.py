@@ -1,4 +1,4 @@
-"""What a campaign needs of a search algorithm."""
+"""The interface between a campaign and a search algorithm."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ if TYPE_CHECKING:
 
 
 class SearchEnded(Exception):  # noqa: N818 - it is no error
-    """The end of a search that has nothing left to propose; the message says why, in a few words.
+    """Raised by `Strategy.ask` when the search has nothing left to propose.
 
-    `ask` raises it, and the campaign ends when the running drives are finished.
+    The message says why, in a few words. The campaign ends when the running drives are finished.
     """
 
 
@@ -29,18 +29,18 @@ class Strategy(ABC):
 
     The contract, which `frenetic.testing.strategy_contract.StrategyContract` tests:
 
-    - `ask` may be called any number of times before anything is told. It never blocks. It returns a
-      candidate, or None if it has to be told a result first: only while one is outstanding, and
-      without changing anything. A strategy that has no more candidates raises `SearchEnded`, from
-      then on at every call.
-    - Candidates have ids 1, 2, 3, .. in the order of asking. Their curvatures are read-only, finite
-      and at least two, and are never changed after they were handed out.
-    - Each candidate is told exactly once, in any order, whatever its outcome: INVALID, ERROR and
-      DROPPED are told as well, with ``moobd=None``. MOOBD, place, side, duration and trace of a
-      drive may be missing, also where it failed.
+    - `ask` may be called any number of times before any result is told. It never blocks. It returns
+      a candidate, or None if it needs a result first. It may return None only while a candidate is
+      outstanding, and None changes nothing. A strategy that has no more candidates raises
+      `SearchEnded`, and does so at every later call.
+    - Candidates have the ids 1, 2, 3 and so on in the order of asking. They have at least two
+      curvatures, which are finite and read-only, and never change.
+    - The result of each candidate is told exactly once, in any order, whatever the outcome:
+      INVALID, ERROR and DROPPED are told, too, with ``moobd=None``. MOOBD, place, finding, duration
+      and trace of a drive may be missing, even if the drive failed.
     - The same constructor arguments (the seed among them) and the same sequence of asks and tells
-      give the same candidates, bit for bit. This is how a campaign is resumed: what was asked and
-      told is replayed to a fresh strategy. So a strategy draws from a generator of its own and
+      give the same candidates, bit for bit. This is how a campaign is resumed: all asks and tells
+      are repeated to a fresh strategy. So a strategy draws only from its own random generator and
       looks at no clock.
     - A strategy is used from one thread at a time.
 
@@ -51,22 +51,26 @@ class Strategy(ABC):
     default_max_in_flight: ClassVar[int | None] = None
     """Candidates that `frenetic run` keeps outstanding; None for its default."""
     expects_failures: ClassVar[bool] = False
-    """Whether the roads are known to fail: no failure is driven a second time, and a driver that
-    breaks on every road does not end the campaign."""
+    """Whether the roads are known to fail. Then no failure is driven a second time, and a driver
+    that breaks on every road does not end the campaign."""
 
     road_class: RoadClass | None = None
     """Class whose rules the roads keep; None for the competition's rules. A campaign with a class
-    gives it to a strategy whose ``__init__`` has an argument of this name. Roads of another
-    strategy that break a rule are INVALID."""
+    passes it to a strategy whose ``__init__`` has an argument of this name. Another strategy may
+    propose roads that break a rule; they are INVALID."""
 
     domain: Domain | None = None
     """Domain whose conditions the candidates have; None for the usual conditions. A campaign with a
-    domain gives it to a strategy whose ``__init__`` has an argument of this name; no other
+    domain passes it to a strategy whose ``__init__`` has an argument of this name; no other
     strategy can search a domain."""
 
     @abstractmethod
     def ask(self) -> Candidate | None:
-        """Return the next road to try, None for "tell me first"."""
+        """Return the next road to try, or None if a result has to be told first.
+
+        Raises:
+            SearchEnded: There are no more candidates.
+        """
 
     @abstractmethod
     def tell(self, evaluation: Evaluation) -> None:
@@ -86,32 +90,32 @@ class Strategy(ABC):
         return None
 
     def facts(self) -> Mapping[str, Any]:
-        """Return further facts about the search: a few names in words -> plain values.
+        """Return further facts about the search, such as ``{"new failures": 4}``.
 
-        The campaign stores them; reports and `frenetic show` print them as they are.
+        The campaign stores them; reports and `frenetic show` print names and values as they are.
         """
         return {}
 
     def is_wanted(self, candidate: Candidate) -> bool:  # noqa: ARG002
         """Return whether a candidate that was asked and not yet told is still worth a drive.
 
-        A campaign asks before a candidate is driven. An unwanted one is told as DROPPED and not
-        driven; it costs no simulation. The answer changes nothing, depends only on what was asked
-        and told, and once False stays False.
+        A campaign asks before it drives a candidate. An unwanted candidate is not driven, costs no
+        simulation and is told as DROPPED. The answer depends only on what was asked and told, and
+        once False stays False. Answering changes nothing.
         """
         return True
 
     def keep_map_margin(self, map_margin: float) -> None:  # noqa: B027 - most check no roads
-        """Take only roads for valid whose centre line keeps ``map_margin`` m from the map's edge.
+        """Refuse roads whose centre line comes nearer than ``map_margin`` m to the map's edge.
 
-        A campaign with another map margin than the usual one calls it before it asks for a road. A
-        strategy that checks no roads ignores it.
+        A campaign whose map margin is not the default calls it before it asks for a road. A
+        strategy that does not check its roads ignores it.
         """
 
     def require_valid_roads(self) -> None:  # noqa: B027 - most cannot know
-        """Refuse options with which it can propose no valid road.
+        """Refuse options with which the strategy can propose no valid road.
 
-        A campaign that starts from nothing calls it once, before it makes its folder.
+        A campaign without a warm start calls it once, before it makes its folder.
 
         Raises:
             ValueError: No road is valid; the message says why, and what is allowed.
@@ -122,10 +126,16 @@ class Strategy(ABC):
         """Learn which roads failed in earlier campaigns, or came near failing.
 
         A campaign calls it once, before it asks for a road, also when it is resumed. The results
-        come from another driver, or from another version of it: what a road does now takes a new
-        drive. Stretches of real roads, which nobody has driven, come first and are DROPPED.
-        All roads fit the map and have the step of the strategy's option ``step``, if there is one.
-        The strategy has asked none of these candidates.
+        may come from another driver or another version of the driver: only a new drive tells what
+        happens on a road now. Stretches of real roads, which nobody has driven, come first and are
+        DROPPED. All roads fit the map and have the step of the strategy's option ``step``, if there
+        is one. These candidates do not come from this strategy's `ask`.
+
+        Args:
+            earlier: Results of the earlier campaigns.
+
+        Raises:
+            NotImplementedError: The strategy cannot start from earlier campaigns.
         """
         raise NotImplementedError(f"{type(self).__name__} starts from no earlier campaign")
 
@@ -136,9 +146,10 @@ def has_own(strategy: Strategy, name: str) -> bool:
 
 
 class Ledger:
-    """The numbered candidates of a strategy: which of them wait to be told.
+    """Numbers the candidates of a strategy, and knows which of them still lack a result.
 
-    A ledger remembers only candidates that were asked and not yet told.
+    A candidate is outstanding from the time it is issued until it is settled. A ledger remembers
+    only outstanding candidates.
     """
 
     def __init__(self) -> None:
@@ -146,12 +157,12 @@ class Ledger:
         self._outstanding: dict[int, Candidate] = {}
 
     def __len__(self) -> int:
-        """Return the number of candidates that were asked and not yet told."""
+        """Return the number of outstanding candidates."""
         return len(self._outstanding)
 
     @property
     def issued(self) -> int:
-        """Number of candidates that were asked so far."""
+        """Number of candidates that were issued so far."""
         return self._last_id
 
     def issue(
@@ -165,10 +176,10 @@ class Ledger:
         """Return a new candidate that carries the next id.
 
         Args:
-            curvatures: (N,) 1/m; copied.
-            step: m between two curvature samples.
+            curvatures: Curvatures, (N,) in 1/m; they are copied.
+            step: Distance between two curvature samples, in m.
             origin: How the road was made.
-            points: (N, 2) m, where it lies on the map, if it is to stay there; copied.
+            points: Points on the map, (N, 2) in m, if the road is to stay there; they are copied.
             more: Other fields of the `Candidate`.
 
         """
@@ -178,24 +189,25 @@ class Ledger:
         return candidate
 
     def settle(self, evaluation: Evaluation) -> Candidate:
-        """Return the candidate as it was issued; it is no longer outstanding.
+        """Return the candidate of a result as it was issued; it is no longer outstanding.
 
-        Only the id of the evaluation's candidate counts, so it may have been rebuilt from a log.
+        Only the id of the evaluation's candidate matters: a resumed campaign reads it from the
+        database.
 
         Raises:
             ValueError: The candidate was never issued or was settled already, the MOOBD is not a
-                finite number, or the budget spent is not a finite number of at least 0. A candidate
-                that was outstanding stays outstanding.
+                finite number, or the budget spent is not a finite number of at least 0. Nothing
+                has changed.
 
         """
         candidate_id = evaluation.candidate.id
         if candidate_id not in self._outstanding:
             if 1 <= candidate_id <= self._last_id:
                 raise ValueError(
-                    f"candidate {candidate_id} was told already, each candidate is told once"
+                    f"candidate {candidate_id} was told already: tell each candidate once"
                 )
             raise ValueError(
-                f"candidate {candidate_id} was never asked, the last one asked is {self._last_id}"
+                f"candidate {candidate_id} was never asked: the last candidate is {self._last_id}"
             )
         if evaluation.moobd is not None and not math.isfinite(evaluation.moobd):
             raise ValueError(
@@ -213,13 +225,21 @@ class Ledger:
 def checked_options(
     arguments: Mapping[str, Any], init: Callable[..., None]
 ) -> dict[str, int | float | str | bool]:
-    """Return the plain options among the arguments of an ``__init__``, for a campaign's record.
+    """Check the arguments of an ``__init__``; return the numbers, texts and Booleans among them.
+
+    A campaign records what is returned as the options of a strategy.
+
+    Args:
+        arguments: The arguments by name, as ``locals()`` gives them.
+        init: The ``__init__``, whose type hints hold the bounds.
 
     Raises:
-        ValueError: An option is not what its hint says.
+        ValueError: An option is out of bounds; the message says which and what is allowed.
 
     """
     values = {name: without_numpy(value) for name, value in arguments.items()}
-    plain = {k: value for k, value in values.items() if isinstance(value, (bool, int, float, str))}
-    check(plain, init)
-    return plain
+    options = {
+        name: value for name, value in values.items() if isinstance(value, (bool, int, float, str))
+    }
+    check(options, init)
+    return options
