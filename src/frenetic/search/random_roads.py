@@ -17,7 +17,7 @@ from frenetic.conditions.domain import Domain
 from frenetic.road import MAP_SIZE, Road
 from frenetic.road.classes import RoadClass
 from frenetic.road.conforming import conform
-from frenetic.search.conditions import drawn
+from frenetic.search.conditions import draw_conditions
 from frenetic.search.elements import draw_elements, random_grade
 from frenetic.search.map_check import MapCheck, RoadCheck, most_frequent
 from frenetic.search.operator_names import RANDOM
@@ -247,10 +247,10 @@ class RandomRoads:
         *,
         is_blind: bool = False,
     ) -> Candidate:
-        """Issue a random road; in a domain with random conditions, see `conditions.drawn`."""
+        """Issue a random road; in a domain with random conditions, see `draw_conditions`."""
         values = self.draw(rng)
         grade = self.grade(rng, values)
-        conditions = drawn(rng, domain, (len(values) - 1) * self.step, is_blind=is_blind)
+        conditions = draw_conditions(rng, domain, (len(values) - 1) * self.step, is_blind=is_blind)
         origin = Origin(RANDOM)
         return ledger.issue(values, self.step, origin, grade=grade, conditions=conditions)
 

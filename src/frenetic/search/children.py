@@ -1,0 +1,82 @@
+"""Children: roads made from a place of the archive, and the choice of one among several."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+from itertools import islice
+from typing import Any, NamedTuple
+
+from frenetic._support.arrays import FloatArray
+from frenetic.search.archive import Archive
+from frenetic.search.failing import FailureModel
+from frenetic.search.prediction import Foresight, promise_of
+from frenetic.search.records import Candidate, Origin
+
+NEW_DIFFERENCE = 2.0
+"""Difference from the known failures from which a failure is new, in m (our choice)."""
+_LIKELIEST_OF = 6  # children of which the likeliest to fail is chosen (our choice)
+_MAX_FORESEEN = 40  # children that foresight looks at for one road (our choice)
+
+
+class Child(NamedTuple):
+    """A road that may be proposed, made from a place of the archive: the parent."""
+
+    row: int
+    """Row of the parent in the archive."""
+    operator: int | None
+    """Number of the operator; None for the parent's road in other conditions."""
+    curvatures: FloatArray
+    """Curvatures, (n,) in 1/m."""
+    fields: Mapping[str, Any]
+    """Further fields of the `Candidate`, such as grade and conditions."""
+    side: int
+    """Side on which the car is expected to leave its lane, as in `archive.SIDES`."""
+    vector: FloatArray | None
+    """Approach with which the car is expected to fail, (64,) in m; None for the parent's road in
+    other conditions."""
+
+
+def choose_foreseen(
+    children: Iterator[Child], foresight: Foresight, archive: Archive, step: float
+) -> Child | None:
+    """Return the first child that is foreseen to fail as no known failure did.
+
+    If there is no such child, return the child of the largest promise, see `promise_of`; None
+    without children. The child has the side and the approach that are foreseen.
+
+    Args:
+        children: Children, which are drawn only as they are looked at.
+        foresight: Model of the driver.
+        archive: The archive with the known failures.
+        step: Distance between two curvatures, in m.
+    """
+    best, largest = None, -math.inf
+    for child in islice(children, _MAX_FORESEEN):
+        candidate = Candidate(0, child.curvatures, step, Origin(""), **child.fields)
+        promise, place = promise_of(candidate, foresight, archive)
+        if best is None or promise > largest:
+            best, largest = child, promise
+            if place is not None:
+                best = child._replace(side=place.side, vector=place.vector)
+        if promise >= NEW_DIFFERENCE:
+            break
+    return best
+
+
+def choose_likeliest(
+    children: Iterator[Child], model: FailureModel, archive: Archive
+) -> Child | None:
+    """Return the child that most likely fails, of six; None without children."""
+    return max(
+        islice(children, _LIKELIEST_OF),
+        key=lambda child: model.chance(features_of_child(child, model, archive)),
+        default=None,
+    )
+
+
+def features_of_child(child: Child, model: FailureModel, archive: Archive) -> FloatArray:
+    """Return the features of a child for a model, see `FailureModel.features`."""
+    vector = archive.vectors[child.row] if child.vector is None else child.vector
+    severity = float(archive.places["severity"][child.row])
+    return model.features(vector, child.side, child.operator, severity)
