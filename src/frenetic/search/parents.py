@@ -1,4 +1,4 @@
-"""The choice of parents: which places of the archive are varied."""
+"""The choice of parents: the places of the archive from which children are made."""
 
 from __future__ import annotations
 
@@ -10,17 +10,18 @@ import numpy.typing as npt
 from frenetic._support.arrays import FloatArray
 from frenetic.search.archive import FAR, Archive
 
-# All values are ours.
+# The values are our choice.
 _POOL_AGE = 20  # drives after which the pool is chosen anew
-_RECENT = 1500  # drives from whose severities the threshold is taken
-_NEAR_QUANTILE = 0.2  # of these severities, up to which a drive came near failing
-_CLOSEST_QUANTILE = 0.03  # of these severities, in its place while no failure is known
-_LEAST_POOL = 5  # drives in the pool while no failure is known
-_NEAR_MISS_MOOBD = -0.3  # [m], below which a drive came near failing, whatever the driver
-_TOURNAMENT = 24  # places of the pool of which the best one is taken
-_FAILURE_WORTH = 3.0  # of a place where the car failed
+_RECENT_DRIVES = 1500  # last drives from whose severities the threshold follows
+_NEAR_QUANTILE = 0.2  # quantile of these severities up to which a drive came near failing
+_CLOSEST_QUANTILE = 0.03  # the same quantile while no failure is known
+_MIN_POOL = 5  # least number of drives in the pool while no failure is known
+_NEAR_MISS_MOOBD = -0.3  # [m] MOOBD below which a drive came near failing, whatever the driver
+_TOURNAMENT_SIZE = 24  # places of the pool of which the best one is taken
+_FAILURE_WORTH = 3.0  # worth of a place where the car failed
+_MIN_SPREAD = 1e-9  # least scale of severities: equal severities must not divide by 0
 NEAR_MISS_WORTH = 1.5
-"""Largest worth of the severity of a place where the car did not fail."""
+"""Largest worth that its severity gives a place where the car did not fail."""
 
 
 class ParentPool:
@@ -28,15 +29,16 @@ class ParentPool:
 
     Args:
         archive: All places.
-        rng: Draws the places of a tournament.
-        failures_first: Whether a near miss becomes a parent only where no failure stands against
-            it.
+        rng: Generator that draws the places of a tournament.
+        failures_first: Whether a near miss becomes a parent only if no failure is in its
+            tournament.
 
     """
 
     def __init__(self, archive: Archive, rng: np.random.Generator, *, failures_first: bool) -> None:
         self._archive = archive
         self._rng = rng
+        # A near miss is worth at most NEAR_MISS_WORTH + FAR.
         self._failure_worth = _FAILURE_WORTH + FAR if failures_first else _FAILURE_WORTH
         self._severities: list[float] = []
         self.lowest = math.inf
@@ -44,9 +46,10 @@ class ParentPool:
         self.is_moobd = True
         """Whether severities are MOOBDs, in m."""
         self.rows: npt.NDArray[np.int64] = np.empty(0, dtype=np.int64)
-        """Rows of the archive, (n,)."""
-        self._end = 0  # number of drives after which the rows are too old
-        self._origin, self._spread = 0.0, 1.0  # of the severities
+        """Rows of the places in the archive, (n,)."""
+        self._next_refresh = 0  # number of drives from which on the rows are too old
+        # Severities are compared as (origin - severity) / spread.
+        self._origin, self._spread = 0.0, 1.0
 
     @property
     def drives(self) -> int:
@@ -54,22 +57,22 @@ class ParentPool:
         return len(self._severities)
 
     def learn(self, severity: float, *, is_moobd: bool) -> None:
-        """Take in the severity of a drive."""
+        """Remember the severity of a drive."""
         self._severities.append(severity)
         self.lowest = min(self.lowest, severity)
         self.is_moobd = is_moobd
 
     def refresh(self) -> None:
         """Choose the rows anew if they are too old."""
-        if self.drives < self._end:
+        if self.drives < self._next_refresh:
             return
-        self._end = self.drives + _POOL_AGE
-        recent = np.array(self._severities[-_RECENT:])
-        near, middle = (float(q) for q in np.quantile(recent, (_NEAR_QUANTILE, 0.5)))
+        self._next_refresh = self.drives + _POOL_AGE
+        recent = np.array(self._severities[-_RECENT_DRIVES:])
+        near, median = (float(q) for q in np.quantile(recent, (_NEAR_QUANTILE, 0.5)))
         if not self.is_moobd:
-            self._origin, self._spread = near, max(middle - near, 1e-9)
+            self._origin, self._spread = near, max(median - near, _MIN_SPREAD)
         if not self._archive.has_failures:
-            share = max(_CLOSEST_QUANTILE, min(_LEAST_POOL / len(recent), 1.0))
+            share = max(_CLOSEST_QUANTILE, min(_MIN_POOL / len(recent), 1.0))
             threshold = float(np.quantile(recent, share))
         else:
             threshold = max(near, _NEAR_MISS_MOOBD) if self.is_moobd else near
@@ -79,24 +82,33 @@ class ParentPool:
     def draw_mates(
         self, is_needed: npt.NDArray[np.bool_], room: int
     ) -> tuple[FloatArray, npt.NDArray[np.int64], npt.NDArray[np.int64]]:
-        """Draw a place for each of k children, whose road is filled in where it is needed.
+        """Draw another parent, a mate, for each of k children.
 
-        Return curvatures, (k, room) in 1/m, numbers of values, (k,), and indices of the values
-        before the places, (k,).
+        Args:
+            is_needed: Whether each child needs a mate, (k,); the rows of the others stay zeros.
+            room: Largest number of values of a road.
+
+        Returns:
+            Curvatures of the mates, (k, room) in 1/m; their numbers of values, (k,); and the
+            indices of the values before their places, (k,).
         """
-        others = np.zeros((len(is_needed), room))
+        curvatures = np.zeros((len(is_needed), room))
         sizes, sites = (np.zeros(len(is_needed), dtype=np.int64) for _ in range(2))
         mates = self.rows[self._rng.integers(0, len(self.rows), len(is_needed))]
         for k in np.flatnonzero(is_needed).tolist():
             mate = self._archive.candidates[mates[k]]
             sizes[k] = len(mate.curvatures)
-            others[k, : sizes[k]] = mate.curvatures
+            curvatures[k, : sizes[k]] = mate.curvatures
             sites[k] = int(self._archive.places["distance"][mates[k]] / mate.step)
-        return others, sizes, sites
+        return curvatures, sizes, sites
 
     def choose(self) -> int:
-        """Return the row of the best of a few places: near failing, new, and seldom used."""
-        rows = self.rows[self._rng.integers(0, len(self.rows), _TOURNAMENT)]
+        """Return the row of the best of some random places of the pool.
+
+        A place is better the nearer to failing, the further from the known failures and the less
+        often used it is.
+        """
+        rows = self.rows[self._rng.integers(0, len(self.rows), _TOURNAMENT_SIZE)]
         places = self._archive.places[rows]
         worth = np.minimum((self._origin - places["severity"]) / self._spread, NEAR_MISS_WORTH)
         if self._archive.has_failures:

@@ -1,4 +1,4 @@
-"""What a search asks of a model of the driver, and how often it follows that model."""
+"""Foresight: a model of the driver that a search may ask, and how often it follows the model."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ from frenetic.search.archive import FAR, Archive, Place, critical_places
 from frenetic.search.known_failures import nearest_known_square
 from frenetic.search.records import Candidate, Evaluation
 
-# All values are ours.
-_COMPARED = 50  # last children by which choices with and without foresight are compared
-_TRUST = 3.0  # power of the shares of new failures among them
-_LEAST_SHARE = 0.05  # of children that are chosen without foresight, and of those chosen with it
+# The values are our choice.
+_COMPARED = 50  # last children of either kind, with and without foresight, that are compared
+_POWER = 3.0  # power of the shares of new failures among them
+_LEAST_SHARE = 0.05  # least share of children of either kind
 
 
 @runtime_checkable
@@ -33,16 +33,17 @@ class Foresight(Protocol):
         """Return what the driver will do; None where nothing would be driven."""
 
     def facts(self) -> Mapping[str, Any]:
-        """Return what the model has to tell, see `Strategy.facts`."""
+        """Return facts about the model for reports, see `Strategy.facts`."""
 
 
 def promise_of(
     candidate: Candidate, foresight: Foresight, archive: Archive
 ) -> tuple[float, Place | None]:
-    """Return how new a failure foresight expects of a candidate, in m, and the place foreseen.
+    """Return the promise of a candidate, in m, and the place that is foreseen.
 
-    Negative for a candidate that is expected to pass: the margin by which it passes. Without a
-    place, nothing is foreseen.
+    The promise of a foreseen failure is its difference from the known failures. The promise of a
+    foreseen pass is negative: the margin to failing. If nothing is foreseen, it is -infinity, and
+    the place is None.
     """
     evaluation = foresight.foresee(candidate)
     if evaluation is None or evaluation.severity is None:
@@ -58,26 +59,31 @@ class ForesightTrial:
     """A running comparison of children that foresight chose with children chosen without it."""
 
     def __init__(self) -> None:
-        self._novelties: tuple[list[float], list[float]] = [], []  # without foresight, and with it
+        # Novelties of children chosen without foresight, and of children chosen with it.
+        self._novelties: tuple[list[float], list[float]] = [], []
 
     def learn(self, novelty: float, *, is_foreseen: bool) -> None:
-        """Take in how new the failure on a child's road was, 0 to 1."""
+        """Learn how new the failure of a child was, 0 to 1; 0 if it passed."""
         self._novelties[is_foreseen].append(novelty)
 
     def chooses(self, rng: np.random.Generator) -> bool:
-        """Return whether foresight chooses the next child: the likelier, the newer its failures."""
+        """Return whether foresight chooses the next child, at random.
+
+        The chance grows with the share of new failures among the children that foresight chose.
+        """
         last = (novelties[-_COMPARED:] for novelties in self._novelties)
-        without, with_it = (
-            ((sum(novelties) + 1.0) / (len(novelties) + 2.0)) ** _TRUST for novelties in last
+        # Both shares begin at one half, as if one of two children had brought a new failure.
+        without, with_foresight = (
+            ((sum(novelties) + 1.0) / (len(novelties) + 2.0)) ** _POWER for novelties in last
         )
-        share = with_it / (without + with_it)
+        share = with_foresight / (without + with_foresight)
         share = min(max(share, _LEAST_SHARE), 1.0 - _LEAST_SHARE)
         return bool(rng.random() < share)
 
     def facts(self) -> dict[str, int]:
         """Return the numbers of children and of new failures, without foresight and with it."""
         facts: dict[str, int] = {}
-        for way, novelties in zip(("without", "with"), self._novelties, strict=True):
-            facts[f"children {way} foresight"] = len(novelties)
-            facts[f"new failures {way} foresight"] = round(sum(novelties))
+        for kind, novelties in zip(("without", "with"), self._novelties, strict=True):
+            facts[f"children {kind} foresight"] = len(novelties)
+            facts[f"new failures {kind} foresight"] = round(sum(novelties))
         return facts

@@ -25,6 +25,7 @@ class ProposedRoads:
 
 
 def fingerprint(curvatures: FloatArray) -> bytes:
-    """Return 16 bytes by which roads differ."""
-    values = np.ascontiguousarray(curvatures, dtype="<f8") + 0.0  # no negative zeros
+    """Return 16 bytes that are equal for roads of equal curvatures, and else differ."""
+    # Adding 0 makes negative zeros positive.
+    values = np.ascontiguousarray(curvatures, dtype="<f8") + 0.0
     return hashlib.blake2b(values.tobytes(), digest_size=16).digest()
