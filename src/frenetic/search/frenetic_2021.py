@@ -39,10 +39,10 @@ from frenetic.search.random_roads import (
 from frenetic.search.records import Candidate, Evaluation, Origin
 from frenetic.search.strategy import Ledger, Strategy, checked_options
 
-_MIX, _SPLICE = "C1", "C2"
+_MIX, _SPLICE = "C1", "C2"  # names of the operators of crossover
 _UNCOUNTED = frozenset({"F1", _MIX, _SPLICE})
-"""Operators whose roads do not bring the next crossover nearer, as in the published code."""
-_LEAST_PARENTS = 5
+"""Operators whose tests do not count towards the next crossover, as in the published code."""
+_MIN_PARENTS = 5
 """Least number of parents of a crossover, as in the published code."""
 
 
@@ -55,41 +55,52 @@ class _Scored(NamedTuple):
     candidate: Candidate
 
 
+class _Offspring(NamedTuple):
+    """The children of one crossing of two parents."""
+
+    operator: str
+    """Name of the operator."""
+    parents: tuple[_Scored, _Scored]
+    """The parents."""
+    children: list[FloatArray]
+    """Curvatures of the children, (n,) in 1/m each."""
+
+
 class Frenetic2021(Strategy):
     """A `Strategy` that mutates and crosses the roads on which the driver did worst: Listing 1.
 
-    1. *Random phase*, while the largest budget share told so far is below `random_budget`.
+    1. *Random phase*, while the largest share of the budget told so far is below `random_budget`.
     2. *Mutation*, from then on: the unvisited candidate of lowest MOOBD below `threshold` becomes
-       the parent and is visited. Its mutants (P1 .. P6 if it passed, F1 .. F4 if it failed) are
+       the parent and is visited. Its mutants (P1 to P6 if it passed, F1 to F4 if it failed) are
        proposed in order until one fails. Mutants of a failed parent count as visited from the
        start: they never become parents. Without a parent, one more random road is proposed.
     3. *Crossover*, checked after each parent's mutants and after each such random road: when more
-       than `cross_freq` tests ran since the last one, the `cross_num` candidates of lowest MOOBD
-       below `threshold`, visited or not, have `cross_num` children.
+       than `cross_freq` tests ran since the last crossover, the `cross_num` candidates of lowest
+       MOOBD below `threshold`, visited or not, have `cross_num` children.
 
     Section I-B of the paper gives the threshold of -0.5 m, steps of 10 m, at most 30 ± 5 values,
     the bound of 0.07, the change of 0.05, 1 to 5 changed values and the scale of 1.1 to 1.2. It
     gives no value of `random_budget`, `cross_freq` and `cross_num`. The published code
     (github.com/ERATOMMSD/frenetic-sbst21, class ``Frenetic``) has 40 and 20 for the last two. Its
     random phase takes an hour, which a comment there calls 20 % of the time; 20 % of any budget is
-    ours.
+    our choice.
 
-    Where the paper leaves room, as the published code does:
+    Where the paper leaves room, we follow the published code:
 
     - A crossover needs five candidates below the threshold, or `cross_num` if that is less: with
-      two or three it would propose the same children again and again. With fewer there is none,
-      and the count of tests begins anew.
-    - Tests that ran are those told after the random phase, valid or not. Roads of F1 and the
-      children of crossover are not counted. So the first crossover comes after more than
-      `cross_freq` such tests of the main loop, and each one equally long after the last child of
-      the one before.
-    - A last C2 has both its children: a crossover has `cross_num` of them, or one more.
+      two or three it would propose the same children again and again. With fewer candidates there
+      is no crossover, and the count of tests begins anew.
+    - Tests that ran are those told after the random phase, valid or not, except roads of F1 and
+      children of crossover. So the first crossover comes after more than `cross_freq` tests of the
+      main loop, and the next after as many tests since the last child of the crossover before.
+    - The last C2 of a crossover has both its children: so a crossover has `cross_num` children, or
+      one more.
     - Two different candidates are the parents of a child.
     - P6 has one factor for all values.
     - The first value of a random road is drawn relative to 0.
     - A road that was tested before may be proposed again; `frenetic.campaign.counts` counts it.
 
-    Where the paper leaves room, ours:
+    Where paper and code leave room, this is our choice:
 
     - The threshold is strict ("lower than a threshold", Section I-B, where Listing 1 calls it
       ``candidates_with_min_oob_gt``). Equal MOOBDs go to the candidate asked first.
@@ -101,23 +112,23 @@ class Frenetic2021(Strategy):
       of values only. Its mutants are visited from the start for any number.
 
     With several candidates outstanding, each decision follows from the results told by then: a
-    parent's next mutants may be asked before the earlier ones are told. Once a failing one is told,
-    no more are asked and the outstanding ones are unwanted. Asked and told one by one, the strategy
-    follows Listing 1.
+    parent's next mutants may be asked before earlier mutants are told. Once a failing mutant is
+    told, its parent has no more mutants, and the outstanding ones are unwanted. Asked and told one
+    by one, the strategy follows Listing 1.
 
-    Our deviation is off by default: `max_redraws`, which draws again what `is_valid` refuses. The
-    map is ours, too: a road that does not fit when it is moved is turned, which the paper leaves to
-    future work.
+    We deviate from the paper in two ways. `max_redraws`, which is 0 by default, draws roads again
+    that `is_valid` refuses. A road that does not fit the map when it is moved is turned, which the
+    paper leaves to future work.
 
-    The strategy remembers only roads below the threshold that can still become parents, and the
-    `cross_num` best.
+    The strategy remembers only the roads below the threshold that can still become parents, and
+    the `cross_num` best roads.
 
     Args:
         seed: A whole number of at least 0.
         map_size: m, side of the square map.
-        random_budget: Share of the budget spent on random roads, 0..1; 0.2 is ours.
+        random_budget: Share of the budget spent on random roads, 0..1; 0.2 is our choice.
         threshold: m, only roads with a MOOBD below this have offspring.
-        cross_freq: Number of tests between two crossovers that must be exceeded; 40 is the
+        cross_freq: Number of tests after which a further test leads to a crossover; 40 is the
             published code's.
         cross_num: Number of parents and of children of a crossover; 20 is the published code's.
         curvature_bound: 1/m, largest absolute value of new curvatures.
@@ -125,19 +136,20 @@ class Frenetic2021(Strategy):
         step: m between two curvature values.
         length_jitter: Largest deviation of a random road from the usual number of values.
         max_length: Largest usual number of values of a random road, before the jitter.
-        min_changed: Least number of values that P1 .. P5 add, remove or replace.
-        max_changed: Largest number of values that P1 .. P5 add, remove or replace.
+        min_changed: Least number of values that P1 to P5 add, remove or replace.
+        max_changed: Largest number of values that P1 to P5 add, remove or replace.
         min_scale: Least factor of P6.
         max_scale: Largest factor of P6.
         is_valid: Refuses roads that are not worth a test; by default those that do not fit the map
             or that the competition calls invalid.
-            Random roads, the mutants P1 .. P6 and children of crossover that it refuses are drawn
-            again (for a child: parents and operator, too). F1 .. F4 have nothing to draw: their
-            mutants are always proposed. So is the last draw when all were refused.
-        max_redraws: How often a refused road is drawn again; by default 0: the paper checks no
-            road (Section II).
-        road_class: Class of the roads, see `Strategy.road_class`; it takes the place of bound,
-            change, step and lengths, and what an operator makes is bent to keep its rules.
+            With `max_redraws`, random roads, mutants of P1 to P6 and children of crossover that it
+            refuses are drawn again (for a child, parents and operator, too); when all draws were
+            refused, the last is proposed. F1 to F4 are not random: their mutants are always
+            proposed.
+        max_redraws: How often a refused road is drawn again; by default 0, since the paper checks
+            no road (Section II).
+        road_class: Class of the roads, see `Strategy.road_class`; it replaces bound, change, step
+            and lengths, and the results of operators are changed to keep its rules.
 
     Raises:
         ValueError: An option is out of range; the message says which and what is allowed.
@@ -145,9 +157,9 @@ class Frenetic2021(Strategy):
     """
 
     BEHAVIOUR: ClassVar[int] = 2
-    """Raised when its proposals change; campaigns record it."""
+    """Version of the proposals, which campaigns record; increase it when they change."""
     default_max_in_flight: ClassVar[int] = 1
-    """Candidates outstanding of `frenetic run`: Listing 1 knows a result before it goes on."""
+    """Candidates that `frenetic run` keeps outstanding: Listing 1 needs each result at once."""
 
     def __init__(
         self,
@@ -209,21 +221,21 @@ class Frenetic2021(Strategy):
         self._budget_spent = 0.0
         self._has_driven = False
         self._tests_since_crossover = 0
-        self._unvisited: list[_Scored] = []  # a heap
+        self._unvisited: list[_Scored] = []  # a heap of possible parents
         self._best: list[_Scored] = []  # sorted, at most cross_num
-        # Id of an outstanding mutant -> the siblings that failed; siblings share one list.
+        # Id of an outstanding mutant -> ids of the siblings that failed; siblings share one list.
         self._failed_siblings: dict[int, list[int]] = {}
         self._proposals = self._listing_1()
 
     def keep_map_margin(self, map_margin: float) -> None:
-        """Take only roads for valid that keep so many m from the map's edge.
+        """Refuse roads that come nearer than `map_margin` m to the map's edge.
 
-        An `is_valid` of your own stays as it is.
+        A user's `is_valid` stays as it is.
         """
         self._roads.keep_map_margin(map_margin)
 
     def require_valid_roads(self) -> None:
-        """Refuse options with which no road is valid, see `RandomRoads.require_valid_roads`."""
+        """Refuse options with which hardly any road is valid, see `RandomRoads`."""
         self._roads.require_valid_roads()
 
     def ask(self) -> Candidate:
@@ -234,7 +246,7 @@ class Frenetic2021(Strategy):
         """Learn the result of a candidate.
 
         Raises:
-            ValueError: See `Ledger.settle`.
+            ValueError: The candidate was never asked, or was told already; see `Ledger.settle`.
 
         """
         candidate = self._ledger.settle(evaluation)
@@ -253,12 +265,12 @@ class Frenetic2021(Strategy):
             self._remember(_Scored(severity, candidate.id, evaluation.outcome, candidate))
 
     def is_wanted(self, candidate: Candidate) -> bool:
-        """Return whether no sibling has failed: a parent's mutants are tried until one fails."""
+        """Return whether no sibling of a mutant has failed: mutants are tried until one fails."""
         return not self._failed_siblings.get(candidate.id)
 
     @property
     def notice(self) -> str | None:
-        """Why the search is not what its user expects, None if it is."""
+        """Warning that all roads are random, since none is below the threshold; or None."""
         if self._in_random_phase or self._best or not self._has_driven:
             return None
         return (
@@ -271,18 +283,22 @@ class Frenetic2021(Strategy):
         return self._budget_spent < self._random_budget
 
     def _counts(self, evaluation: Evaluation) -> bool:
-        """Return whether a result brings the next crossover nearer."""
+        """Return whether a test counts towards the next crossover."""
         is_counted = evaluation.candidate.origin.operator not in _UNCOUNTED
         return is_counted and evaluation.outcome.is_test and not self._in_random_phase
 
     def _remember(self, scored: _Scored) -> None:
+        """Remember a candidate as a possible parent of mutants, and of crossover if it is good."""
         if scored.candidate.origin.operator not in FAIL_OPERATORS:
             heapq.heappush(self._unvisited, scored)
         bisect.insort(self._best, scored)
         del self._best[self._cross_num :]
 
     def _listing_1(self) -> Iterator[Candidate]:
-        # Each yield ends an ask; results told before the next ask are known where it resumes.
+        """Yield the candidates of Listing 1, one for each `ask`.
+
+        After a yield, the results that were told before the next `ask` are known.
+        """
         while self._in_random_phase:
             yield self._roads.issue(self._rng, self._ledger)
         while True:
@@ -292,19 +308,21 @@ class Frenetic2021(Strategy):
                 yield self._roads.issue(self._rng, self._ledger)
             if self._tests_since_crossover > self._cross_freq:
                 self._tests_since_crossover = 0
-                if len(self._best) >= min(_LEAST_PARENTS, self._cross_num):
+                if len(self._best) >= min(_MIN_PARENTS, self._cross_num):
                     yield from self._crossover()
 
     def _mutants(self, parent: _Scored) -> Iterator[Candidate]:
-        failed: list[int] = []
+        """Issue the mutants of a parent until one is told to have failed."""
+        failed_siblings: list[int] = []
         for name, curvatures in self._mutations(parent):
             mutant = self._issue(curvatures, name, parent)
-            self._failed_siblings[mutant.id] = failed
+            self._failed_siblings[mutant.id] = failed_siblings  # `tell` appends to it
             yield mutant
-            if failed:
+            if failed_siblings:
                 return
 
     def _mutations(self, parent: _Scored) -> Iterator[tuple[str, FloatArray]]:
+        """Yield names of operators and the curvatures that they make of a parent's road."""
         road = parent.candidate.curvatures
         if parent.outcome is Outcome.FAIL:
             for name, vary in FAIL_OPERATORS.items():
@@ -316,45 +334,47 @@ class Frenetic2021(Strategy):
                 yield name, mutant
 
     def _mutant(self, mutate: PassOperator, road: FloatArray) -> FloatArray | None:
+        """Return a mutant of a road; None if the operator cannot change the road."""
         mutant = mutate(self._rng, road, self._options)
         return None if mutant is None else self._roads.conformed(mutant)
 
     def _crossover(self) -> Iterator[Candidate]:
+        """Issue the children of a crossover."""
         pool = self._best.copy()
         missing = self._cross_num
         while missing > 0:
-            name, parents, children = self._children(pool)
-            for curvatures in children:
-                yield self._issue(curvatures, name, *parents)
-            missing -= len(children)
+            offspring = self._offspring(pool)
+            for curvatures in offspring.children:
+                yield self._issue(curvatures, offspring.operator, *offspring.parents)
+            missing -= len(offspring.children)
 
-    def _children(
-        self, pool: list[_Scored]
-    ) -> tuple[str, tuple[_Scored, _Scored], list[FloatArray]]:
-        """Return an operator, two different parents and their one or two children.
+    def _offspring(self, pool: list[_Scored]) -> _Offspring:
+        """Return the one or two children of two different parents.
 
-        Children that are refused are left out while another draw is left.
+        Refused children are left out, and drawn again if all are refused. The last draw is returned
+        unchecked.
         """
-        drawn = self._children_once(pool)
+        offspring = self._draw_offspring(pool)
         for _ in range(self._max_redraws):
-            name, parents, children = drawn
-            accepted = [child for child in children if self._roads.accepts(child)]
+            accepted = [child for child in offspring.children if self._roads.accepts(child)]
             if accepted:
-                return name, parents, accepted
-            drawn = self._children_once(pool)
-        return drawn
+                return offspring._replace(children=accepted)
+            offspring = self._draw_offspring(pool)
+        return offspring
 
-    def _children_once(
-        self, pool: list[_Scored]
-    ) -> tuple[str, tuple[_Scored, _Scored], list[FloatArray]]:
+    def _draw_offspring(self, pool: list[_Scored]) -> _Offspring:
+        """Return the children of random parents by a random operator."""
         i, j = self._rng.choice(len(pool), size=2, replace=False).tolist()
-        first, second = pool[i].candidate.curvatures, pool[j].candidate.curvatures
+        parents = pool[i], pool[j]
+        first, second = (parent.candidate.curvatures for parent in parents)
         if self._rng.random() < 0.5:
-            return _MIX, (pool[i], pool[j]), [self._roads.conformed(mix(self._rng, first, second))]
-        children = [self._roads.conformed(child) for child in splice(first, second)]
-        return _SPLICE, (pool[i], pool[j]), children
+            operator, children = _MIX, [mix(self._rng, first, second)]
+        else:
+            operator, children = _SPLICE, list(splice(first, second))
+        return _Offspring(operator, parents, [self._roads.conformed(child) for child in children])
 
     def _issue(self, curvatures: FloatArray, name: str, *parents: _Scored) -> Candidate:
+        """Issue a candidate that an operator made of parents; the first gives its grade."""
         origin = Origin(
             operator=name,
             parents=tuple(parent.id for parent in parents),
