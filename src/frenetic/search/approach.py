@@ -5,9 +5,10 @@ directions there coincide. Their *difference*, in metres, is
 
     sqrt(mean |p - p'|^2 + mean (d - d')^2 + mean ((v - v') * 1 s)^2)
 
-with p the road's points from 30 m before to 15 m after the place, d the car's lateral offset and v
-its speed over the 30 m before. An approach is a vector, (64,) in m, such that the distance of two
-is their difference. Distinct failures are clusters of them, see `frenetic.analysis`.
+where p are the road's points from 30 m before the place to 15 m after it. d are the car's lateral
+offsets and v its speeds over the 30 m before the place: its *states*. An *approach* is a vector,
+(64,) in m, such that the distance between two approaches is the difference of the drives. Distinct
+failures are clusters of approaches, see `frenetic.analysis`.
 """
 
 from __future__ import annotations
@@ -33,32 +34,39 @@ if TYPE_CHECKING:
 SPACING = 2.5
 """Distance between two values of an approach, in m."""
 BEHIND = 30.0
-"""Length of road before the place, in m."""
+"""Length of road before the place, in m (our choice)."""
 ALIKE = 2.0
-"""Largest difference of two drives with the same problem, in m: half a lane."""
+"""Largest difference of two drives with the same problem, in m: half a lane (our choice)."""
 AHEAD = 15.0
-"""Length of road after the place, in m."""
+"""Length of road after the place, in m (our choice)."""
 
-_BEFORE = np.arange(-BEHIND, 0.5 * SPACING, SPACING)
-STATES = len(_BEFORE)
-"""Number of offsets, and of speeds."""
+_STATE_DISTANCES = np.arange(-BEHIND, 0.5 * SPACING, SPACING)  # [m] from the place
+STATES = len(_STATE_DISTANCES)
+"""Number of offsets in an approach, and of speeds."""
 POINTS_BEHIND = round(BEHIND / SPACING)
 """Number of points of the road before the place."""
-_POINTS = round((BEHIND + AHEAD) / SPACING) + 1
-_POINT_SCALE = 1.0 / math.sqrt(_POINTS)
+_POINTS = round((BEHIND + AHEAD) / SPACING) + 1  # number of points of the road
+_POINT_SCALE = 1.0 / math.sqrt(_POINTS)  # factor of a point in an approach, for the mean
 STATE_SCALE = 1.0 / math.sqrt(STATES)
-"""Factor of a state in an approach."""
+"""Factor of a state in an approach, for the mean."""
 ROAD_SIZE = 2 * _POINTS
-"""Number of an approach's values that describe the road: x and y of each point, first."""
+"""Number of values of an approach that describe the road: x and y of each point. They come first.
+"""
 SIZE = ROAD_SIZE + 2 * STATES
-"""Number of an approach's values; offsets and speeds follow the road's."""
+"""Number of values of an approach: the road's, then offsets, then speeds."""
 
 
 @njit()
 def road_around(table: FloatArray, ds: float, place: float) -> FloatArray:
     """Return the centre line around a place, (19, 2) in m: x ahead of the place, y to its left.
 
-    Every 2.5 m from 30 m before the place to 15 m after it; straight beyond the road's ends.
+    Points lie every 2.5 m from 30 m before the place to 15 m after it. Beyond its ends the road
+    continues straight.
+
+    Args:
+        table: Table of the road, see `frenetic.road.geometry.build_table`.
+        ds: Distance between two rows of the table, in m.
+        place: Distance along the road, in m.
     """
     x0, y0, cosine, sine, _ = frame_at(table, ds, place)
     points = np.empty((_POINTS, 2))
@@ -72,13 +80,13 @@ def road_around(table: FloatArray, ds: float, place: float) -> FloatArray:
 def states_before(trace: Trace | None, place: float) -> tuple[FloatArray, FloatArray]:
     """Return lateral offsets, (13,) in m, and speeds, (13,) in m/s, over the 30 m before a place.
 
-    Without a trace they are zeros.
+    Without a trace, all are zeros.
     """
     if trace is None:
         return np.zeros(STATES), np.zeros(STATES)
-    # A sliding car may fall back along the road; the furthest place counts.
+    # A sliding car may fall back along the road; then its furthest distance counts.
     along = np.maximum.accumulate(trace.distance)
-    places = place + _BEFORE
+    places = place + _STATE_DISTANCES
     return np.interp(places, along, trace.lateral_offset), np.interp(places, along, trace.speed)
 
 
@@ -93,7 +101,18 @@ def as_vector(road: FloatArray, offsets: FloatArray, speeds: FloatArray) -> Floa
 def table_around(
     curvatures: FloatArray, step: float, low: float, high: float
 ) -> tuple[FloatArray, float, float]:
-    """Return a table of the road around `low` to `high` m, its spacing and its beginning in m."""
+    """Return a table of the part of a road that approaches to places from `low` to `high` m need.
+
+    Args:
+        curvatures: Curvatures of the road, (n,) in 1/m.
+        step: Distance between two curvatures, in m.
+        low: Distance along the road to the first place, in m.
+        high: Distance along the road to the last place, in m.
+
+    Returns:
+        The table, the distance between two rows in m, and the distance along the road to its first
+        row in m.
+    """
     last = len(curvatures) - 1
     first = min(max(int((low - BEHIND) / step), 0), last - 1)
     end = max(min(int((high + AHEAD) / step) + 1, last), first + 1)

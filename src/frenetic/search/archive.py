@@ -1,4 +1,7 @@
-"""The archive of a search: the critical places of all drives, failures and near misses."""
+"""The archive of a search: the critical places of all drives.
+
+A critical place is where the car left its lane or came nearest to its edge.
+"""
 
 from __future__ import annotations
 
@@ -24,23 +27,23 @@ if TYPE_CHECKING:
     from frenetic.search.records import Candidate, Evaluation, Trace
 
 FAR = 4.0
-"""Difference beyond which two approaches count as equally different, in m."""
+"""Difference beyond which two approaches count as equally different, in m (our choice)."""
 NEAR_MISS = 1.3
-"""Oob distance below which a further peak of a drive is added to an archive, in m."""
+"""Oob distance below which a second place of a drive is critical, too, in m (our choice)."""
 APART = 25.0
-"""Least distance along the road between two places of a drive in an archive, in m."""
+"""Least distance along the road between two critical places of a drive, in m (our choice)."""
 
 LEFT, RIGHT, NEITHER = 0, 1, 2
 SIDES = {"left": LEFT, "right": RIGHT, None: NEITHER}
 """Side of a departure -> number of the side."""
-_HALF_LANE = 2.0  # [m] of the competition's lanes
+_HALF_LANE = 2.0  # [m] half the width of the competition's lanes
 _PLACE = np.dtype(
     [
-        ("distance", np.float64),  # along the road, in m
+        ("distance", np.float64),  # distance along the road, in m
         ("side", np.int64),  # LEFT, RIGHT or NEITHER
-        ("severity", np.float64),  # what the search minimises
-        ("has_failed", np.bool_),
-        ("cost", np.float64),  # of the place's use as a parent
+        ("severity", np.float64),  # value that the search minimises
+        ("has_failed", np.bool_),  # whether the drive failed at the place
+        ("cost", np.float64),  # what speaks against the place as a parent, such as its children
     ]
 )
 
@@ -87,7 +90,10 @@ class Archive:
 
     @property
     def squares(self) -> FloatArray:
-        """Square of each place's difference from the nearest known failure, (n,) up to `FAR`²."""
+        """Square of each place's difference from the nearest known failure on its side, (n,).
+
+        It is at most `FAR`², in m².
+        """
         return self._squares[: len(self)]
 
     def failures(self, side: int) -> Known:
@@ -127,16 +133,17 @@ class Archive:
 
 
 def critical_places(evaluation: Evaluation, candidate: Candidate, severity: float) -> list[Place]:
-    """Return the critical places of a driven road; where the drive failed comes first.
+    """Return one or two critical places of a driven road, the worst first.
 
-    The second place is the next peak of the lateral offset, if the car came near the lane's edge
-    there.
+    The first is the place of the result: where the drive failed, or else was worst. The second is
+    where the car was furthest from its lane's centre at least `APART` away from the first, if it
+    came near the lane's edge there.
 
     Args:
-        evaluation: Result of a driven road; without a trace, the car counts as standing in its
-            lane.
+        evaluation: Result of a driven road. Without a trace, there is one place, and offsets and
+            speeds before it count as 0.
         candidate: The road.
-        severity: What the search minimises.
+        severity: Value that the search minimises.
 
     """
     curvatures, step = candidate.curvatures, candidate.step
@@ -146,6 +153,7 @@ def critical_places(evaluation: Evaluation, candidate: Candidate, severity: floa
     trace = evaluation.trace
 
     def place_at(distance: float, side: int, severity: float, has_failed: bool) -> Place:
+        """Return the place at a distance along the road, kept within the road."""
         distance = min(max(distance, 0.0), length)
         road = road_around(table, step / per_piece, distance)
         states = states_before(trace, distance)
@@ -153,23 +161,25 @@ def critical_places(evaluation: Evaluation, candidate: Candidate, severity: floa
 
     has_failed = evaluation.outcome is Outcome.FAIL
     finding = evaluation.finding
-    left_on = SIDES[None if finding is None else finding.side]
+    finding_side = SIDES[None if finding is None else finding.side]
     if trace is None:
         distance = 0.5 * length if evaluation.place is None else evaluation.place
-        return [place_at(distance, left_on, severity, has_failed)]
-    away = np.abs(trace.lateral_offset)
-    peak = int(np.argmax(away))
+        return [place_at(distance, finding_side, severity, has_failed)]
+    offsets = np.abs(trace.lateral_offset)
+    peak = int(np.argmax(offsets))
     distance = float(trace.distance[peak]) if evaluation.place is None else evaluation.place
-    side = left_on if has_failed else _side(trace, peak)
+    side = finding_side if has_failed else _side(trace, peak)
     places = [place_at(distance, side, severity, has_failed)]
-    apart = np.where(np.abs(trace.distance - distance) > APART, away, 0.0)
-    second = int(np.argmax(apart))
-    oob_distance = _HALF_LANE - float(apart[second])
+    offsets_apart = np.where(np.abs(trace.distance - distance) > APART, offsets, 0.0)
+    second = int(np.argmax(offsets_apart))
+    oob_distance = _HALF_LANE - float(offsets_apart[second])
     if oob_distance < NEAR_MISS:
-        there = float(trace.distance[second])
-        places.append(place_at(there, _side(trace, second), oob_distance, False))
+        second_distance = float(trace.distance[second])
+        side = _side(trace, second)
+        places.append(place_at(second_distance, side, severity=oob_distance, has_failed=False))
     return places
 
 
 def _side(trace: Trace, record: int) -> int:
+    """Return the side of the lane's centre on which the car is in a record."""
     return LEFT if trace.lateral_offset[record] > 0.0 else RIGHT

@@ -1,9 +1,10 @@
-"""Operators that vary a road around a place where it was critical, and the kernel that tries them.
+"""Operators that vary a road around a critical place, and the kernel that tries them.
 
-Each makes a child's curvatures, (n,) 1/m, in a buffer, from a parent's and from uniform random
-numbers, and says by how many values the place has moved along the road. The *site* is the value of
-the parent just before the place. New values are drawn as in Section I-B of the paper, each relative
-to the one before it; changed ones are kept within the bound.
+The place is where the car failed or came near failing on the parent's road; the *site* is the index
+of the parent's value just before it. An operator makes a child's curvatures, (n,) 1/m, from the
+parent's and from uniform random numbers, and returns by how many values the place has moved along
+the road. New values are drawn as in Section I-B of the paper, each relative to the value before it.
+Changed values are kept within the bound. The sizes of the changes are our choice.
 """
 
 from __future__ import annotations
@@ -72,22 +73,26 @@ OPERATORS = (
 )
 """Names of the operators, in the order of their numbers."""
 OF_FAILURES = SPLICE + 1
-"""Number of operators that a failure's road is varied by: the first ones."""
+"""Number of operators for the roads of failures: the first of `OPERATORS`. Near misses have all."""
 
 PARAMETERS = 8
 """Number of uniform random numbers that an operator takes beside one for each new value."""
 MIN_REST = 3
-"""Least number of values after the site that a road has if its rest is redrawn."""
+"""Least number of values after the site that a road has if they are redrawn (our choice)."""
 AFTER = 1.0 / 3.0
-"""Length of road after the place that a child with a fresh road keeps, per length before it."""
+"""Length of road after the place that a child with a fresh road keeps, as a share of the length
+before the place (our choice)."""
 WAYS = (0.0, -5.0, 5.0, 10.0, 15.0)
-"""Ways from the parent's place to those where a child may fail, in m, the likeliest first."""
+"""Distances from the parent's place to the places where a child may fail, in m, the likeliest first
+(our choice)."""
 _PLACES = tuple(POINTS_BEHIND + round((way - min(WAYS)) / SPACING) for way in WAYS)
-"""Numbers of the points at these places, of those from `BEHIND` before the first place on."""
+"""Indices of the points at these places, among the points from `BEHIND` m before the first place
+on."""
 _POINTS = max(_PLACES) + round(AHEAD / SPACING) + 1
-"""Number of the points, to `AHEAD` after the last place."""
-_RECENT = 8  # failures that refused siblings of a child, which are compared with it first; ours
-_MIN_VALUES = 5  # of a child, ours
+"""Number of these points, up to `AHEAD` m after the last place."""
+_RECENT = 8
+"""Failures that refused siblings of a child and are compared with the child first (our choice)."""
+_MIN_VALUES = 5  # least number of values of a child (our choice)
 
 
 @njit()
@@ -101,6 +106,7 @@ def _whole(u: float, low: float, high: float) -> int:
 
 @njit()
 def _between(u: float, low: float, high: float) -> float:
+    """Return a number from `low` to `high` from a uniform random number."""
     return low + u * (high - low)
 
 
@@ -114,6 +120,7 @@ def _copy(values: FloatArray, first: int, child: FloatArray, at: int, end: int) 
 
 @njit()
 def _scale(child: FloatArray, first: int, end: int, by: float) -> None:
+    """Multiply values first..end-1 of a child."""
     for i in range(first, end):
         child[i] *= by
 
@@ -122,7 +129,16 @@ def _scale(child: FloatArray, first: int, end: int, by: float) -> None:
 def _draw(
     child: FloatArray, first: int, end: int, previous: float, u: FloatArray, limits: FloatArray
 ) -> None:
-    """Draw values first..end-1 of a child, as `operators.next_curvature` does, or elements."""
+    """Draw values first..end-1 of a child by `operators.next_curvature`; in a class as elements.
+
+    Args:
+        child: Values of the child.
+        first: Index of the first value to draw.
+        end: Index after the last value to draw.
+        previous: Value before the first, in 1/m.
+        u: Uniform random numbers, from index `PARAMETERS` on one for each value.
+        limits: See `vary`.
+    """
     if len(limits) > 2:
         draw_elements(child, first, end, previous, u, PARAMETERS, limits)
         return
@@ -143,12 +159,12 @@ def _change_values(
     limits: FloatArray,
     child: FloatArray,
 ) -> None:
-    """Change values of a child, which has its parent's, by an operator that keeps their number.
+    """Change values of a child, a copy of its parent, by an operator that keeps their number.
 
-    The arguments have the meaning that they have for `vary`.
+    See `vary` for the arguments.
     """
     n = len(child)
-    size = limits[0] / CURVATURE_BOUND  # of changes
+    size = limits[0] / CURVATURE_BOUND  # scale of changes: 1 on the competition's roads
     if operator == SHIFT:  # 1 to 3 values just after the place
         first = min(site + _whole(u[0], 0.0, 1.0), n - 1)
         by = _between(u[1], 0.02, 0.06) * size
@@ -174,7 +190,7 @@ def _change_values(
         _scale(child, 0, n, _between(u[0], 0.8, 1.25))
     elif operator == AMPLIFY:  # the bend
         _scale(child, max(site - 3, 0), min(site + 3, n), _between(u[0], 1.1, 1.6))
-    elif operator == FLATTEN:  # the approach, which makes it faster
+    elif operator == FLATTEN:  # the way to the place, on which the car becomes faster
         _scale(child, max(site - 9, 0), max(site - 2, 0), _between(u[0], 0.2, 0.8))
     elif operator == MIRROR:
         _scale(child, 0, n, -1.0)
@@ -192,18 +208,18 @@ def vary(
     limits: FloatArray,
     child: FloatArray,
 ) -> tuple[int, int]:
-    """Make a child; return its number of values and by how many of them the place has moved.
+    """Make a child; return its number of values and by how many values the place has moved.
 
-    The number is 0 if it has too few or too many values.
+    The number of values is 0 if the child would have too few or too many.
 
     Args:
         operator: Number of the operator.
-        u: Uniform random numbers, `PARAMETERS` and one for each value of `child`.
+        u: Uniform random numbers: `PARAMETERS`, then one for each value of `child`.
         parent: (N,) 1/m.
         site: Index of the value before the place.
         other: (M,) 1/m, another road of the archive.
         other_site: Index of the value before the other road's place.
-        length: Usual number of values of a road, for those that get new ends.
+        length: Usual number of values of a road, for a child with a new end.
         limits: Bound and largest change of new values, both in 1/m; or a road class's `limits`,
             whose rules the child then keeps.
         child: Room for the child's values.
@@ -233,7 +249,7 @@ def vary(
         if n <= most:
             _copy(parent, 0, child, 0, keep)
             _copy(other, start, child, keep, n)
-    elif operator == STRAIGHT:  # in front of the bend
+    elif operator == STRAIGHT:  # a straight before the place
         start = max(site - _whole(u[0], 1.0, 3.0), 0)
         moved = _whole(u[1], 2.0, 5.0)
         n = min(len(parent) + moved, max(length, site + moved + MIN_REST))
@@ -263,7 +279,11 @@ def _draw_fresh_ends(
     u: FloatArray,
     limits: FloatArray,
 ) -> None:
-    """Draw a child's values anew but for `run_up` m before the place and `AFTER` as much behind."""
+    """Draw a child's values anew, except around the place.
+
+    Kept are `run_up` m before the place and `AFTER` times as much after it. See `draw_child` for
+    the arguments.
+    """
     n = len(child)
     first = max(int((place - run_up) / step), 0)
     end = min(int((place + AFTER * run_up) / step) + 1, n)
