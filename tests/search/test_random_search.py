@@ -6,6 +6,7 @@ import re
 from collections import Counter
 from collections.abc import Callable
 from dataclasses import replace
+from itertools import islice
 from typing import Any
 
 import numpy as np
@@ -49,6 +50,17 @@ def test_roads_are_valid_on_the_map_by_default() -> None:
             for strategy in (search, plain)
         ]
         assert sum(valid[0]) >= 29 > sum(valid[1])
+
+
+def test_valid_roads_keep_the_map_margin_also_in_a_class() -> None:
+    for name in (None, "rural-80"):
+        road_class = None if name is None else class_of(name)
+        map_size = 200.0 if road_class is None else road_class.map_size
+        roads = RandomRoads(map_size=map_size, road_class=road_class)
+        roads.keep_map_margin(40.0)
+        for road in islice(roads.valid(np.random.default_rng(1)), 10):
+            assert road.road_points.min() >= 40.0 - 1e-6
+            assert road.road_points.max() <= map_size - 40.0 + 1e-6
 
 
 def test_random_roads_have_a_mean_length_of_187_m_and_275_m_in_frenetic() -> None:

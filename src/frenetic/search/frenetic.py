@@ -132,8 +132,7 @@ class Frenetic(Strategy):
         max_length: Largest usual number of values of a road; it has up to five more or fewer.
         is_valid: Refuses roads that are not worth a test; by default those that do not fit the map
             or that the competition calls invalid.
-        road_class: Class of the roads, see `Strategy.road_class`; it takes the place of step and
-            lengths.
+        road_class: Class of the roads, see `Strategy.road_class`; it replaces step and lengths.
         domain: Domain of roads and conditions, see `Strategy.domain`: then a child has its parent's
             conditions, and half of a near miss's children are its road in other conditions. Until
             the first failure, half of the random roads have a condition that few drives have.
@@ -206,7 +205,7 @@ class Frenetic(Strategy):
         self._real_roads: deque[Candidate] = deque()  # stretches that wait to be proposed
 
     def keep_map_margin(self, map_margin: float) -> None:
-        """Refuse roads that come nearer to the map's edge than `map_margin`, in m.
+        """Refuse roads that come nearer than `map_margin` m to the map's edge.
 
         A user's `is_valid` stays as it is.
         """
@@ -231,7 +230,7 @@ class Frenetic(Strategy):
         self._room = np.empty(max(len(self._room), self._earlier_roads.longest, longest_real))
 
     def ask(self) -> Candidate:
-        """Return the next road to try: the first of these kinds that is due."""
+        """Return the next road: a rest, a real road, an earlier one, a random one or a child."""
         rest = self._continuations.issue(self._ledger)
         if rest is not None:
             return rest

@@ -27,7 +27,7 @@ class MapCheck:
 
     Args:
         map_size: m, side of the square map.
-        is_valid: A user's check, which replaces the check by map and rules.
+        is_valid: A check that replaces the check by map and rules: a user's, or another `MapCheck`.
         road_class: Class whose rules the roads keep already; then the road only has to lie in the
             map and clear of itself.
 
@@ -46,10 +46,10 @@ class MapCheck:
         self._map_margin = map_margin
 
     @property
-    def map_check(self) -> MapCheck | None:
+    def built_in(self) -> MapCheck | None:
         """The check by map and rules; None if a user's check replaces it."""
         if isinstance(self._is_valid, MapCheck):
-            return self._is_valid.map_check
+            return self._is_valid.built_in
         return self if self._is_valid is None else None
 
     @property
@@ -63,6 +63,8 @@ class MapCheck:
         A user's check is not asked. The road is None if no pose fits; the text is empty if the
         road is valid.
         """
+        if isinstance(self._is_valid, MapCheck):
+            return self._is_valid.place(curvatures, step)
         try:
             road = Road(curvatures, step)
             if self._road_class is None:

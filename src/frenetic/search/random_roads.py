@@ -47,7 +47,7 @@ _ENOUGH_VALID = 10
 _SHORTEST_RECOMMENDED = 50.0
 """Shortest length of roads that is recommended, in m (our choice)."""
 _MAX_START_STRAIGHT = 10
-"""Bound below which the number of values of a class road's first straight is drawn (our choice)."""
+"""Largest number of values of the straight with which a class's road begins (our choice)."""
 
 Size: TypeAlias = Annotated[int, Meta(ge=MIN_VALUES, le=10**6)]
 """Number of values of a road."""
@@ -132,7 +132,7 @@ class RandomRoads:
                 what is allowed.
 
         """
-        map_check = self._map_check.map_check
+        map_check = self._map_check.built_in
         if map_check is None:
             return
         valid = 0
@@ -208,10 +208,10 @@ class RandomRoads:
         )
 
     def redraw_until_valid(self, draw: Callable[[], _Draw]) -> _Draw:
-        """Return what `draw` returns, drawn again while it is invalid and draws are left.
+        """Return a road that `draw` draws, drawn again while it is invalid and draws are left.
 
-        `draw` may be a mutation, which returns None for a road that it cannot change; then None is
-        returned.
+        `draw` may be a mutation: it returns None for a road that it cannot change, and then this
+        method does, too.
         """
         drawn = draw()
         for _ in range(self._max_redraws):
@@ -276,7 +276,7 @@ class RandomRoads:
             return random_curvatures(rng, count, bound=bound, max_change=max_change)
         if u is None:
             u = rng.random(count + _MAX_START_STRAIGHT)
-        # The car starts on a straight: values 0 up to `first`. Elements follow.
+        # The car starts on a straight: `first` values of 0. Elements follow.
         values = np.zeros(count)
         first = 1 + int(u[-1] * _MAX_START_STRAIGHT)
         draw_elements(
