@@ -90,6 +90,13 @@ class PairComparison:
             return None
         return self.first if self.a12 > 0.5 else self.second
 
+    @property
+    def worse(self) -> str | None:
+        """Worse group; None if no difference is shown."""
+        if self.better is None:
+            return None
+        return self.second if self.better == self.first else self.first
+
 
 @dataclass(frozen=True)
 class MeasureComparison:
@@ -156,8 +163,7 @@ class MeasureComparison:
         """Return the verdict on two groups in words of the measure, such as "a has more than b"."""
         if pair.better is None:
             return f"{pair.first} and {pair.second}: {pair.verdict}"
-        worse = pair.second if pair.better == pair.first else pair.first
-        return f"{pair.better} has {self.measure.better} than {worse}"
+        return f"{pair.better} has {self.measure.better} than {pair.worse}"
 
     @property
     def order(self) -> tuple[str, ...]:
@@ -167,9 +173,7 @@ class MeasureComparison:
     def worse_than(self, group: str) -> tuple[str, ...]:
         """Return the groups that are shown to be worse than another group."""
         return tuple(
-            pair.second if pair.first == group else pair.first
-            for pair in self.pairs
-            if pair.better == group
+            pair.worse for pair in self.pairs if pair.better == group and pair.worse is not None
         )
 
 
@@ -237,8 +241,12 @@ def compare(groups: Mapping[str, Iterable[Path | str]]) -> Comparison:
     parts = {name: [parts_of(folder) for folder in folders] for name, folders in listed.items()}
     return compare_measured(
         measured,
-        notes=[*_drivers_differ(parts), *_notes(parts, measured)],
-        shared=shared_parts([config for configs in parts.values() for config in configs]),
+        notes=[
+            *_note_on_drivers(parts),
+            *_notes_on_parts(parts, measured),
+            *_notes_on_campaigns(measured),
+        ],
+        shared=shared_parts([campaign for group in parts.values() for campaign in group]),
     )
 
 
@@ -346,9 +354,9 @@ def _note_on_power(groups: Mapping[str, Sequence[object]]) -> Iterator[str]:
         )
 
 
-def _drivers_differ(parts: Mapping[str, Sequence[Mapping[str, Any]]]) -> Iterator[str]:
+def _note_on_drivers(parts: Mapping[str, Sequence[Mapping[str, Any]]]) -> Iterator[str]:
     """Yield a note if groups have different drivers, which this comparison does not rate."""
-    first, *others = (configs[0]["driver"] for configs in parts.values())
+    first, *others = (group[0]["driver"] for group in parts.values())
     if any(driver != first for driver in others):
         yield (
             "the groups have different drivers, and this compares what their searches found, not"
@@ -356,36 +364,41 @@ def _drivers_differ(parts: Mapping[str, Sequence[Mapping[str, Any]]]) -> Iterato
         )
 
 
-def _notes(
+def _notes_on_parts(
     parts: Mapping[str, Sequence[Mapping[str, Any]]],
     measured: Mapping[str, tuple[CampaignMeasures, ...]],
-) -> list[str]:
-    """Return the limits of a comparison, each in a sentence."""
-    notes = []
+) -> Iterator[str]:
+    """Yield notes on campaigns that are no repeats, and on groups that differ in several parts."""
     for name, configurations in parts.items():
         mixed = differing_parts(configurations)
         if mixed:
-            notes.append(f"the campaigns of {name} are no repeats: they differ in {mixed}")
+            yield f"the campaigns of {name} are no repeats: they differ in {mixed}"
         seeds = [str(campaign.seed) for campaign in measured[name] if campaign.seed is not None]
         if len(set(seeds)) < len(seeds) and not mixed:
-            notes.append(f"campaigns of {name} have the same seed: they are no repeats")
+            yield f"campaigns of {name} have the same seed: they are no repeats"
     differing = differing_parts([configurations[0] for configurations in parts.values()])
-    if "," in differing:
-        notes.append(f"the groups differ in more than one thing: {differing}")
+    if "," in differing:  # a comma separates two parts
+        yield f"the groups differ in more than one thing: {differing}"
+
+
+def _notes_on_campaigns(measured: Mapping[str, tuple[CampaignMeasures, ...]]) -> Iterator[str]:
+    """Yield notes on campaigns that are unfinished, of unequal length, or have many failures."""
     for name, campaigns in measured.items():
         unfinished = [campaign.folder.name for campaign in campaigns if not campaign.is_finished]
         if unfinished:
-            notes.append(f"campaigns of {name} did not finish: {', '.join(unfinished)}")
-    spent = {campaign.simulations for campaigns in measured.values() for campaign in campaigns}
-    if max(spent) > _MOST_UNEQUAL * min(spent):
-        notes.append(
-            f"the campaigns have from {min(spent)} to {max(spent)} simulations, and more find more:"
-            " compare campaigns of equal length, or look at the curves"
+            yield f"campaigns of {name} did not finish: {', '.join(unfinished)}"
+    simulations = [
+        campaign.simulations for campaigns in measured.values() for campaign in campaigns
+    ]
+    least, most = min(simulations), max(simulations)
+    if most > _MOST_UNEQUAL * least:
+        yield (
+            f"the campaigns have from {least} to {most} simulations, and more find more: compare"
+            " campaigns of equal length, or look at the curves"
         )
-    most = max(campaign.failures for campaigns in measured.values() for campaign in campaigns)
-    if most > MOST_COMPARED:
-        notes.append(
+    failures = max(campaign.failures for campaigns in measured.values() for campaign in campaigns)
+    if failures > MOST_COMPARED:
+        yield (
             f"the competition's sparseness of more than {MOST_COMPARED} failures counts"
             f" {MOST_COMPARED} of them, evenly spaced"
         )
-    return notes
