@@ -15,7 +15,14 @@ from hypothesis import strategies as st
 from sample_campaigns import search
 from sample_drives import departing
 
-from frenetic.analysis import Clusters, Failure, cluster_failures, nearest_misses, segments_of
+from frenetic.analysis import (
+    Clusters,
+    Failure,
+    cluster_failures,
+    linkage,
+    nearest_misses,
+    segments_of,
+)
 from frenetic.analysis import clusters as module
 from frenetic.analysis.causes import Cause, Kind
 from frenetic.analysis.clusters import Cluster, distinct_failures, representative_failures
@@ -121,7 +128,7 @@ def test_three_clearly_different_shapes_with_jitter_are_three_clusters() -> None
 def test_failures_of_one_cluster_differ_by_up_to_two_metres(
     batch: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(module, "BATCH", batch)
+    monkeypatch.setattr(linkage, "BATCH", batch)
     base = failure(STRAIGHT)
     for metres, number in ((1.9, 1), (2.1, 2)):
         faster = replace(base, id=2, speeds=base.speeds + metres)
@@ -161,7 +168,7 @@ def test_clusters_do_not_depend_on_the_size_of_a_batch(
     failures = three_families()
     expected = members(cluster_failures(failures))
     for size in (1, 3, 5):
-        monkeypatch.setattr(module, "BATCH", size)
+        monkeypatch.setattr(linkage, "BATCH", size)
         assert members(cluster_failures(failures)) == expected
         assert cluster_failures(failures[::-1]) == cluster_failures(failures)
 

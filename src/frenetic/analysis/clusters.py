@@ -25,12 +25,12 @@ from itertools import pairwise
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
 from frenetic._support.arrays import FloatArray
 from frenetic._support.words import counted, lane_words
 from frenetic.analysis.causes import Cause, as_text
 from frenetic.analysis.failures import Failure, describe, failures_of
+from frenetic.analysis.linkage import link
 from frenetic.analysis.segments import (
     segments_of,
 )
@@ -46,12 +46,8 @@ from frenetic.search.approach import ALIKE, SIZE, is_near
 from frenetic.search.archive import SIDES, critical_places
 from frenetic.search.records import Evaluation
 
-IntArray = npt.NDArray[np.int64]
-
 THRESHOLD: Final = ALIKE
 """Largest root mean square difference at which two clusters are joined, in m."""
-BATCH: Final = 3000
-"""Most failures that are linked at a time (our choice); memory and time grow with the square."""
 COMPARED: Final = 10_000
 """Most failures of a campaign that are compared with each other, the most severe first."""
 LISTED: Final = 10
@@ -319,9 +315,8 @@ def representative_failures(
 def cluster_failures(failures: Iterable[Failure], *, threshold: float = THRESHOLD) -> Clusters:
     """Return the distinct failures, by the rules in this module's docstring.
 
-    If a side has more than `BATCH` different failures, the most severe ones are linked first. Each
-    other failure joins the cluster from whose members its root mean square difference is least, if
-    that difference is at most the threshold. The next `BATCH` of the remaining failures follow.
+    The most severe failures are linked first if there are too many for one batch, see
+    `frenetic.analysis.linkage`.
 
     Args:
         failures: failures in any order, each id once.
@@ -344,7 +339,7 @@ def cluster_failures(failures: Iterable[Failure], *, threshold: float = THRESHOL
     for (_, fault, _), members in groups.items():
         vectors = np.array([failure.vector() for failure in members])
         moobds = np.array([failure.moobd for failure in members])
-        labels = _labels(vectors, moobds, threshold) if fault is None else np.zeros_like(moobds)
+        labels = link(vectors, moobds, threshold) if fault is None else np.zeros_like(moobds)
         for label in np.unique(labels):
             indices = np.flatnonzero(labels == label)
             clusters.append(_cluster([members[i] for i in indices], vectors[indices]))
@@ -372,71 +367,3 @@ def _cluster(members: list[Failure], vectors: FloatArray) -> Cluster:
         failure=worst,
         cause=cause,
     )
-
-
-def _labels(vectors: FloatArray, moobds: FloatArray, threshold: float) -> IntArray:
-    """Return the number of the cluster of each of (n, m) vectors, (n,), from 0 without a gap.
-
-    Args:
-        vectors: (n, m) vectors of failures.
-        moobds: (n,) MOOBDs of the failures; the lowest are linked first.
-        threshold: see `cluster_failures`.
-    """
-    # Adding 0 makes negative zeros positive, so that equal vectors have equal bytes.
-    different, row_of = np.unique(vectors + 0.0, axis=0, return_inverse=True)
-    row_of = row_of.ravel()
-    lowest = np.full(len(different), np.inf)
-    np.minimum.at(lowest, row_of, moobds)
-    labels = np.full(len(different), -1, dtype=np.int64)
-    waiting = np.argsort(lowest, kind="stable")
-    while len(waiting):
-        # Sorted, so that ties do not depend on the order of the failures.
-        batch, waiting = np.sort(waiting[:BATCH]), waiting[BATCH:]
-        first_label = labels.max() + 1
-        linked = _link(different[batch], threshold)
-        labels[batch] = first_label + linked
-        nearest = _nearest_cluster(different[waiting], different[batch], linked, threshold)
-        joins = nearest >= 0
-        labels[waiting[joins]] = first_label + nearest[joins]
-        waiting = waiting[~joins]
-    vector_labels: IntArray = labels[row_of]
-    return vector_labels
-
-
-def _link(vectors: FloatArray, threshold: float) -> IntArray:
-    """Return the number of the cluster of each of (n, m) different vectors, (n,), from 0."""
-    from scipy.cluster.hierarchy import fcluster, linkage  # slow to import
-    from scipy.spatial.distance import pdist
-
-    if len(vectors) == 1:
-        return np.zeros(1, dtype=np.int64)
-    tree = linkage(pdist(vectors, "sqeuclidean"), "average")
-    return fcluster(tree, threshold**2, "distance").astype(np.int64) - 1  # scipy counts from 1
-
-
-def _nearest_cluster(
-    vectors: FloatArray, members: FloatArray, labels: IntArray, threshold: float
-) -> IntArray:
-    """Return the cluster nearest to each of (k, m) vectors, (k,); -1 beyond the threshold.
-
-    The mean square difference of a vector from a cluster's members is its square difference from
-    their mean plus their variance.
-
-    Args:
-        vectors: (k, m) vectors without a cluster.
-        members: (n, m) vectors of the clusters' members.
-        labels: (n,) numbers of the members' clusters.
-        threshold: see `cluster_failures`.
-    """
-    counts = np.bincount(labels)
-    means = np.zeros((len(counts), members.shape[1]))
-    np.add.at(means, labels, members)
-    means /= counts[:, None]
-    variances = np.bincount(labels, ((members - means[labels]) ** 2).sum(axis=1)) / counts
-    nearest = np.full(len(vectors), -1, dtype=np.int64)
-    for i, vector in enumerate(vectors):
-        squares = ((means - vector) ** 2).sum(axis=1) + variances
-        least = int(squares.argmin())
-        if squares[least] <= threshold**2:
-            nearest[i] = least
-    return nearest
