@@ -13,15 +13,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from frenetic.analysis import coverage as coverage_module
-from frenetic.analysis.coverage import (
-    GRADE,
-    RADIUS,
-    Cells,
-    DomainCoverage,
-    axes_of,
-    domain_coverage,
-    varied_axes,
-)
+from frenetic.analysis.axes import GRADE, RADIUS, axes_of, varied_axes
+from frenetic.analysis.coverage import Cells, DomainCoverage, domain_coverage
 from frenetic.campaign.record import Test
 from frenetic.conditions.domain import Domain
 from frenetic.oracle.outcome import Outcome

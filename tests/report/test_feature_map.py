@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from frenetic.analysis.coverage import Axis
+from frenetic.analysis.axes import Axis
 from frenetic.analysis.features import FEATURES as AXES
 from frenetic.oracle.outcome import Outcome
 from frenetic.report.html import DataBlock, feature_map

@@ -25,9 +25,10 @@ from frenetic._support.words import (
     rate_words,
     signed,
 )
+from frenetic.analysis.axes import varied_axes
 from frenetic.analysis.caution import caution
 from frenetic.analysis.clusters import COMPARED, Clusters, distinct_among, nearest_misses
-from frenetic.analysis.coverage import domain_coverage, varied_axes
+from frenetic.analysis.coverage import domain_coverage
 from frenetic.analysis.criteria import criteria_text
 from frenetic.analysis.failures import Failure
 from frenetic.analysis.features import Features, features_of

@@ -12,7 +12,7 @@ from matplotlib.ticker import MaxNLocator
 
 from frenetic._support.arrays import FloatArray, evenly, spread
 from frenetic._support.words import capitalised
-from frenetic.analysis.coverage import Axis
+from frenetic.analysis.axes import Axis
 from frenetic.analysis.features import FEATURES, Feature, Features
 from frenetic.oracle.outcome import Outcome
 from frenetic.report.html.page import DataBlock, Section, proper
