@@ -51,7 +51,7 @@ class Feature:
         return np.linspace(self.low, self.high, self.bins + 1)
 
     @property
-    def counts(self) -> bool:
+    def is_count(self) -> bool:
         """Whether the feature's values are whole numbers: then each bin holds one number."""
         return self.low % 1.0 == 0.5 and self.high - self.low == self.bins
 

@@ -262,9 +262,9 @@ class Frenetic(Strategy):
         if severity is not None and evaluation.outcome.is_driven:
             self._parents.learn(severity, is_moobd=evaluation.objective is None)
         elif evaluation.outcome is not Outcome.FAIL:
-            return
+            return  # not driven, or without a verdict: nothing to learn
         novelty, fault = 0.0, evaluation.fault
-        if fault is None or fault not in self._faults:
+        if fault is None or fault not in self._faults:  # only the first fault of a line is new
             novelty = self._add_to_archive(evaluation, candidate, severity or 0.0)
         if fault is not None:
             self._faults.add(fault)
@@ -280,7 +280,7 @@ class Frenetic(Strategy):
             self._learn_from_child(child, novelty, evaluation.outcome)
 
     def _learn_from_child(self, child: Child, novelty: float, outcome: Outcome) -> None:
-        """Learn from a driven child how it was made."""
+        """Tell the failure model and the choice of operators how a driven child did."""
         if self._failure_model is not None:
             features = features_of_child(child, self._failure_model, self._archive)
             self._failure_model.learn(features, has_failed=outcome is Outcome.FAIL)
@@ -378,11 +378,11 @@ class Frenetic(Strategy):
             for _ in range(_MAX_PARENTS if len(self._parents.rows) else 0)
             for child in self._children_of(self._parents.choose())
         )
-        foresight, model = self._foresight, self._failure_model
-        trial = self._foresight_trial
+        foresight, trial = self._foresight, self._foresight_trial
         if foresight is not None and foresight.is_ready and trial.chooses(self._rng):
             child = choose_foreseen(children, foresight, self._archive, self._roads.step)
             return None if child is None else self._issue(child, is_foreseen=True)
+        model = self._failure_model
         if model is not None and model.is_ready:
             child = choose_likeliest(children, model, self._archive)
         else:

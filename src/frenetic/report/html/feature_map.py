@@ -43,7 +43,7 @@ def cells_of(
     values = factor * np.array([features[feature.name] for features in measured], dtype=np.float64)
     shown = values if len(values) else factor * feature.edges[[0, -1]]
     low, high = float(shown.min()), float(shown.max())
-    if feature.counts:
+    if feature.is_count:
         edges = np.arange(round(low) - 0.5, round(high) + 1.0)
     else:
         # One value lies in the middle of a published cell.
@@ -98,7 +98,7 @@ def map_section(
             "name": feature.name,
             "description": feature.description,
             "unit": "km/h" if feature.unit == "m/s" else feature.unit,
-            "counts": feature.counts,
+            "counts": feature.is_count,
             "edges": edges.round(6).tolist(),
             "bins": "".join(_BINS[place] for place in places.tolist()),
         }
