@@ -1,4 +1,7 @@
-"""F1, compared with roads reversed as points: by scipy's quadrature, circles and clothoids."""
+"""F1, compared with roads reversed as points: by scipy's quadrature, circles and clothoids.
+
+Also: each operator has a description.
+"""
 
 from __future__ import annotations
 
@@ -13,13 +16,24 @@ from scipy.integrate import fixed_quad
 from scipy.special import fresnel
 
 from frenetic._support.arrays import FloatArray
+from frenetic.search.operator_names import (
+    CONDITIONS,
+    EARLIER,
+    GIVEN,
+    OPERATOR_DESCRIPTIONS,
+    RANDOM,
+    REST,
+)
 from frenetic.search.operators import (
+    FAIL_OPERATORS,
+    PASS_OPERATORS,
     flip,
     random_curvatures,
     reverse_road,
     reverse_values,
     swap_halves,
 )
+from frenetic.search.variation import OPERATORS
 
 SPACING = 0.1  # [m] between two points of a road
 LANE_CENTRE = 2.0  # [m] from the centre line
@@ -144,3 +158,9 @@ def test_f1_f2_and_f4_undo_themselves_and_f3_does_for_an_even_number_of_values(
     for vary in (reverse_road, reverse_values, flip):
         np.testing.assert_array_equal(vary(vary(road)), road)
     assert np.array_equal(swap_halves(swap_halves(road)), road) is (n % 2 == 0)
+
+
+def test_each_operator_has_a_description() -> None:
+    names = {*PASS_OPERATORS, *FAIL_OPERATORS, "C1", "C2", *OPERATORS}
+    names |= {RANDOM, REST, EARLIER, GIVEN, CONDITIONS}
+    assert names == set(OPERATOR_DESCRIPTIONS)
