@@ -55,5 +55,5 @@ def _driven_text(store: CampaignStore, needed_time: float) -> str:
     if sharpest > _STRAIGHT:
         text += f", radii from {1.0 / sharpest:.0f} m"
     if time < needed_time:
-        text += f", less than the {needed_time / 60.0:g} min that it asks for"
+        text += f", less than the {needed_time / 60.0:g} min that the criteria ask for"
     return text
