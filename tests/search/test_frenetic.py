@@ -19,10 +19,10 @@ from frenetic.search.approach import (
     SIZE,
     SPACING,
     as_vector,
-    lay_points,
-    lay_road,
     points_along,
     road_around,
+    set_points,
+    set_road,
     states_before,
     table_around,
 )
@@ -136,10 +136,10 @@ def test_archive_and_analysis_compute_the_same_approach() -> None:
     laid[: 2 * len(around)] = np.nan
     for low, high in ((120.0, 120.0), (80.0, 160.0), (-50.0, 500.0)):
         table, ds, start = table_around(curvatures, 10.0, low, high)
-        lay_road(laid, table, ds, 120.0 - start)
+        set_road(laid, table, ds, 120.0 - start)
         np.testing.assert_allclose(laid, expected, atol=1e-9)
         points = points_along(table, ds, 120.0 - start - BEHIND - 4 * SPACING, 23)
-        lay_points(laid, points, POINTS_BEHIND + 4)
+        set_points(laid, points, POINTS_BEHIND + 4)
         np.testing.assert_allclose(laid, expected, atol=1e-9)
 
 

@@ -122,8 +122,8 @@ def table_around(
 
 
 @njit()
-def lay_road(vector: FloatArray, table: FloatArray, ds: float, place: float) -> None:
-    """Put the road around a place into an approach, (64,) in m; the states stay."""
+def set_road(vector: FloatArray, table: FloatArray, ds: float, place: float) -> None:
+    """Write the road around a place into an approach, (64,) in m; the states stay."""
     points = road_around(table, ds, place)
     for i in range(_POINTS):
         vector[2 * i] = points[i, 0] * _POINT_SCALE
@@ -132,7 +132,10 @@ def lay_road(vector: FloatArray, table: FloatArray, ds: float, place: float) -> 
 
 @njit()
 def points_along(table: FloatArray, ds: float, first: float, count: int) -> FloatArray:
-    """Return points of a road every 2.5 m from `first` m on: x, y, cosine and sine, (count, 4)."""
+    """Return points every `SPACING` m from `first` m along a road on, (count, 4).
+
+    The columns are x, y, and the cosine and sine of the heading.
+    """
     points = np.empty((count, 4))
     for i in range(count):
         x, y, cosine, sine, _ = frame_at(table, ds, first + i * SPACING)
@@ -141,8 +144,14 @@ def points_along(table: FloatArray, ds: float, first: float, count: int) -> Floa
 
 
 @njit()
-def lay_points(vector: FloatArray, points: FloatArray, place: int) -> None:
-    """Put the points around point `place` into an approach, as `lay_road` does."""
+def set_points(vector: FloatArray, points: FloatArray, place: int) -> None:
+    """Write the road around a place into an approach, as `set_road` does, from points of the road.
+
+    Args:
+        vector: The approach, (64,) in m.
+        points: Points of the road, see `points_along`.
+        place: Index of the point at the place.
+    """
     x0, y0, cosine, sine = points[place, 0], points[place, 1], points[place, 2], points[place, 3]
     for i in range(_POINTS):
         x, y = points[place - POINTS_BEHIND + i, 0] - x0, points[place - POINTS_BEHIND + i, 1] - y0
@@ -152,9 +161,12 @@ def lay_points(vector: FloatArray, points: FloatArray, place: int) -> None:
 
 @njit()
 def squared_difference(first: FloatArray, second: FloatArray, most: float) -> float:
-    """Return the squared difference of two approaches, or, from `most` on, any value >= `most`."""
+    """Return the squared difference of two approaches, in m².
+
+    If it is at least `most`, any value of at least `most` is returned.
+    """
     square = 0.0
-    # From the place backwards the speeds tell most pairs apart at once.
+    # The last values, speeds at the place, tell most pairs apart at once.
     for i in range(SIZE - 1, -1, -1):
         change = first[i] - second[i]
         square += change * change
@@ -174,7 +186,7 @@ def nearest_square(vectors: FloatArray, vector: FloatArray, most: float) -> floa
 
 @njit()
 def is_near(vectors: FloatArray, vector: FloatArray, square: float) -> bool:
-    """Return whether an approach's squared difference from any of (n, 64) others is smaller."""
+    """Return whether one of (n, 64) approaches differs by a squared difference below `square`."""
     for i in range(len(vectors)):  # noqa: SIM110 - compiled code knows no generators
         if squared_difference(vectors[i], vector, square) < square:
             return True
@@ -185,7 +197,15 @@ def is_near(vectors: FloatArray, vector: FloatArray, square: float) -> bool:
 def lower_squares(
     squares: FloatArray, sides: IntArray, vectors: FloatArray, side: int, vector: FloatArray
 ) -> None:
-    """Lower (n,) squared differences on a side to the difference from another approach, if less."""
+    """Lower squared differences to the squared difference from a new approach, if that is less.
+
+    Args:
+        squares: (n,) squared differences, in m²; they are overwritten.
+        sides: (n,) sides of the approaches; only those on `side` are compared.
+        vectors: (n, 64) approaches, in m.
+        side: Side of the new approach.
+        vector: The new approach, (64,) in m.
+    """
     for i in range(len(squares)):
         if sides[i] == side:
             squares[i] = min(squares[i], squared_difference(vectors[i], vector, squares[i]))

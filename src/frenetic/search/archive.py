@@ -73,7 +73,8 @@ class Archive:
         self._vectors = np.empty((64, SIZE))
         self._squares = np.empty(64)
         self._failures = [KnownFailures() for _ in (LEFT, RIGHT, NEITHER)]
-        self._expected: dict[int, tuple[int, FloatArray]] = {}  # side and approach by candidate
+        # Id of an outstanding candidate -> side and approach with which it is expected to fail.
+        self._expected: dict[int, tuple[int, FloatArray]] = {}
 
     def __len__(self) -> int:
         return len(self.candidates)
@@ -97,8 +98,8 @@ class Archive:
         return self._squares[: len(self)]
 
     def failures(self, side: int) -> Known:
-        """Return the known failures on a side, then the expected ones; valid until `add`."""
-        expected = [vector for other, vector in self._expected.values() if other == side]
+        """Return the known failures on a side, with the expected ones; valid until `add`."""
+        expected = [vector for its_side, vector in self._expected.values() if its_side == side]
         return self._failures[side].known(expected)
 
     def expect(self, candidate: int, side: int, vector: FloatArray) -> None:

@@ -404,7 +404,8 @@ class Frenetic(Strategy):
         others, sizes, sites = self._parents.draw_mates(operators == SPLICE, len(self._room))
         opposite = {LEFT: RIGHT, RIGHT: LEFT}.get(side, side)
         known = archive.failures(side), archive.failures(opposite)
-        # A class's bends look much alike: without a failure, what is out forbids too many.
+        # In a class all bends look alike: without a failure, outstanding children would refuse
+        # nearly all others.
         if self.road_class is not None and not archive.has_failures:
             known = NOTHING, NOTHING
         expected = np.empty(SIZE)

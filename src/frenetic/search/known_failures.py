@@ -1,10 +1,12 @@
-"""The known failures on a side, in an order in which those near an approach are found at once.
+"""An index of the known failures on a side, which quickly finds the failures near an approach.
 
-An approach has an *outline*, (6,) in m: projections on six perpendicular directions of length 1.
-Two describe how far the road bends to the side before and after the place, four the mean and the
-trend of speeds and offsets. So two approaches differ by at least the difference of their outlines.
-Rows that are sorted by the first of these numbers are looked up by bisection; the outline tells
-nearly all of the rest apart.
+An approach has an *outline*, (6,) in m: its projections on six perpendicular unit vectors. The
+projections say how far the road bends to the side before and after the place, and give the mean and
+the trend of speeds and of offsets. Projections never increase a distance, so two approaches differ
+by at least the difference of their outlines.
+
+The failures are sorted by the first number of their outlines, so that bisection finds the few that
+may be near. Outlines tell nearly all of these apart; only the rest are compared as approaches.
 """
 
 from __future__ import annotations
@@ -34,38 +36,40 @@ if TYPE_CHECKING:
     IntArray = npt.NDArray[np.int64]
 
 OUTLINE_SIZE: Final = 6
-_ASIDE: Final = np.arange(1, ROAD_SIZE, 2)
-"""Indices of an approach's values to the side of the place, one for each point of its road."""
-_STATION: Final = -BEHIND + SPACING * np.arange(len(_ASIDE))
-"""Distance of each point of the road from the place, in m."""
+"""Number of values of an outline."""
+_Y_INDICES: Final = np.arange(1, ROAD_SIZE, 2)
+"""Indices of the values of an approach that are y of the road's points, (points,)."""
+_DISTANCES: Final = -BEHIND + SPACING * np.arange(len(_Y_INDICES))
+"""Distance of each point of the road from the place, (points,) in m."""
 
 
 def _unit(direction: npt.NDArray[Any]) -> FloatArray:
+    """Return the unit vector of a direction."""
     return np.asarray(direction / np.linalg.norm(direction), dtype=np.float64)
 
 
-# The directions. A road of constant curvature leaves its tangent by the square of the distance.
-_BEFORE: Final = _unit(_STATION[:POINTS_BEHIND] ** 2)
-_AFTER: Final = _unit(_STATION[POINTS_BEHIND:] ** 2)
+# The unit vectors. A road of constant curvature leaves its tangent with the square of the distance.
+_BEFORE: Final = _unit(_DISTANCES[:POINTS_BEHIND] ** 2)
+_AFTER: Final = _unit(_DISTANCES[POINTS_BEHIND:] ** 2)
 _MEAN: Final = _unit(np.ones(STATES))
 _TREND: Final = _unit(np.arange(STATES) - 0.5 * (STATES - 1))
 _ROUNDING: Final = 1e-9
-"""Share and amount, in m, by which a bound is widened: far more than outlines are rounded by."""
+"""Share of a bound, and length in m, by which the bound is widened: far above rounding errors."""
 
 
 class Known(NamedTuple):
-    """Approaches of known failures, as the kernels take them."""
+    """Approaches of known failures on a side, as kernels take them."""
 
     vectors: FloatArray
-    """(n, 64) m; those beyond the number of rows in `order` are in no order."""
+    """Approaches, (n, 64) in m. The first m are in the index, the last n - m only in this list."""
     order: IntArray
-    """(m,) numbers of vectors, in the order of their outlines' first number."""
+    """Rows of `vectors` sorted by the first number of their outlines, (m,)."""
     outlines: FloatArray
-    """(m, 6) m, outlines of the vectors in `order`."""
+    """Outlines of the approaches in this order, (m, 6) in m."""
 
 
 class KnownFailures:
-    """Approaches of the known failures on a side."""
+    """The growing index of the known failures on a side."""
 
     def __init__(self) -> None:
         self._count = 0
@@ -83,7 +87,7 @@ class KnownFailures:
         self._order = with_room(self._order, n)
         self._outlines = with_room(self._outlines, n)
         outline = outline_of(vector)
-        row = first_from(self._outlines[:n], outline[0])
+        row = first_row_from(self._outlines[:n], outline[0])
         self._vectors[n] = vector
         self._order[row + 1 : n + 1] = self._order[row:n]
         self._order[row] = n
@@ -92,10 +96,10 @@ class KnownFailures:
         self._count = n + 1
 
     def known(self, expected: Sequence[FloatArray] = ()) -> Known:
-        """Return the failures, and approaches that count as failures; views that hold until `add`.
+        """Return the known failures, as views that are valid until the next `add`.
 
         Args:
-            expected: (64,) m each.
+            expected: Approaches, (64,) in m each, that count as failures without being added.
         """
         n = self._count
         for i, vector in enumerate(expected):
@@ -114,7 +118,7 @@ def outline_of(vector: FloatArray) -> FloatArray:
     before = after = 0.0
     for i in range(POINTS_BEHIND):
         before += _BEFORE[i] * vector[2 * i + 1]
-    for i in range(POINTS_BEHIND, len(_ASIDE)):
+    for i in range(POINTS_BEHIND, len(_Y_INDICES)):
         after += _AFTER[i - POINTS_BEHIND] * vector[2 * i + 1]
     offset = offset_trend = speed = speed_trend = 0.0
     for i in range(STATES):
@@ -126,8 +130,11 @@ def outline_of(vector: FloatArray) -> FloatArray:
 
 
 @njit()
-def first_from(outlines: FloatArray, bend: float) -> int:
-    """Return the number of the first of (m, 6) sorted outlines whose first number is as high."""
+def first_row_from(outlines: FloatArray, bend: float) -> int:
+    """Return the row of the first of (m, 6) sorted outlines whose first number is at least `bend`.
+
+    It is m if there is none.
+    """
     low, high = 0, len(outlines)
     while low < high:
         middle = (low + high) // 2
@@ -140,7 +147,10 @@ def first_from(outlines: FloatArray, bend: float) -> int:
 
 @njit()
 def _outline_square(outlines: FloatArray, row: int, outline: FloatArray, most: float) -> float:
-    """Return the squared difference of an outline from one of (m, 6), or some value >= `most`."""
+    """Return the squared difference of an outline from a row of (m, 6) outlines, in m².
+
+    If it is at least `most`, any value of at least `most` is returned.
+    """
     square = 0.0
     for i in range(OUTLINE_SIZE):
         change = outlines[row, i] - outline[i]
@@ -152,21 +162,27 @@ def _outline_square(outlines: FloatArray, row: int, outline: FloatArray, most: f
 
 @njit()
 def _widened(most: float) -> float:
-    """Return a squared difference in m², wide enough for the rounding of outlines."""
+    """Return a squared difference, in m², increased by more than rounding errors of outlines."""
     reach = math.sqrt(most) * (1.0 + _ROUNDING) + _ROUNDING
     return reach * reach
 
 
 @njit()
 def near_failure(known: Known, vector: FloatArray, square: float) -> int:
-    """Return the number of a known failure nearer to an approach than `square`, in m², or -1."""
+    """Return the row of a known failure near an approach; -1 if there is none.
+
+    Args:
+        known: Known failures.
+        vector: The approach, (64,) in m.
+        square: Squared difference below which a failure is near, in m².
+    """
     vectors, outlines, last = known.vectors, known.outlines, len(known.order)
-    for row in range(last, len(vectors)):
+    for row in range(last, len(vectors)):  # those that are not in the index
         if squared_difference(vectors[row], vector, square) < square:
             return row
     outline, bound = outline_of(vector), _widened(square)
     reach = math.sqrt(bound)
-    for i in range(first_from(outlines, outline[0] - reach), last):
+    for i in range(first_row_from(outlines, outline[0] - reach), last):
         if outlines[i, 0] > outline[0] + reach:
             break
         row = int(known.order[i])
@@ -180,11 +196,14 @@ def near_failure(known: Known, vector: FloatArray, square: float) -> int:
 
 @njit()
 def nearest_known_square(known: Known, vector: FloatArray, most: float) -> float:
-    """Return the least squared difference of an approach from known failures, at most `most`."""
+    """Return the least squared difference of an approach from known failures, at most `most` m².
+
+    Rows are looked at from the approach's own position in the index on, in both directions.
+    """
     least, outline, last = most, outline_of(vector), len(known.order)
     for row in range(last, len(known.vectors)):
         least = min(least, squared_difference(known.vectors[row], vector, least))
-    start = first_from(known.outlines, outline[0])
+    start = first_row_from(known.outlines, outline[0])
     for direction in (1, -1):
         bound = _widened(least)
         i = start if direction == 1 else start - 1

@@ -24,9 +24,9 @@ from frenetic.search.approach import (
     SPACING,
     STATE_SCALE,
     STATES,
-    lay_points,
-    lay_road,
     points_along,
+    set_points,
+    set_road,
     squared_difference,
     table_around,
 )
@@ -72,7 +72,7 @@ OPERATORS = (
     "straight",
 )
 """Names of the operators, in the order of their numbers."""
-OF_FAILURES = SPLICE + 1
+OPERATORS_FOR_FAILURES = SPLICE + 1
 """Number of operators for the roads of failures: the first of `OPERATORS`. Near misses have all."""
 
 PARAMETERS = 8
@@ -82,15 +82,18 @@ MIN_REST = 3
 AFTER = 1.0 / 3.0
 """Length of road after the place that a child with a fresh road keeps, as a share of the length
 before the place (our choice)."""
-WAYS = (0.0, -5.0, 5.0, 10.0, 15.0)
+FAILURE_DISTANCES = (0.0, -5.0, 5.0, 10.0, 15.0)
 """Distances from the parent's place to the places where a child may fail, in m, the likeliest first
 (our choice)."""
-_PLACES = tuple(POINTS_BEHIND + round((way - min(WAYS)) / SPACING) for way in WAYS)
+_FAILURE_POINTS = tuple(
+    POINTS_BEHIND + round((distance - min(FAILURE_DISTANCES)) / SPACING)
+    for distance in FAILURE_DISTANCES
+)
 """Indices of the points at these places, among the points from `BEHIND` m before the first place
 on."""
-_POINTS = max(_PLACES) + round(AHEAD / SPACING) + 1
+_POINTS = max(_FAILURE_POINTS) + round(AHEAD / SPACING) + 1
 """Number of these points, up to `AHEAD` m after the last place."""
-_RECENT = 8
+_RECENT_FAILURES = 8
 """Failures that refused siblings of a child and are compared with the child first (our choice)."""
 _MIN_VALUES = 5  # least number of values of a child (our choice)
 
@@ -303,19 +306,27 @@ def _refusing_failure(
     place: float,
     recent: IntArray,
 ) -> int:
-    """Return the number of a known failure that is nearer than `square`, in m², or -1.
+    """Return the row of a known failure that refuses a child; -1 if there is none.
 
-    The place may be at any of the `WAYS` from `place`. The failures in `recent` come first. The
-    road of `expected` is overwritten.
+    Args:
+        failures: Known failures.
+        expected: Approach with which the child is expected to fail, (64,) in m; its road is
+            overwritten.
+        square: Squared difference below which a failure refuses the child, in m².
+        table: Table of the child's road, see `table_around`.
+        ds: Distance between two rows of the table, in m.
+        place: Distance along the table's road to the place, in m. The child may fail at any of the
+            `FAILURE_DISTANCES` from there.
+        recent: Rows of failures that are compared first.
     """
-    points = points_along(table, ds, place + min(WAYS) - BEHIND, _POINTS)
-    for point in _PLACES:
-        lay_points(expected, points, point)
+    points = points_along(table, ds, place + min(FAILURE_DISTANCES) - BEHIND, _POINTS)
+    for point in _FAILURE_POINTS:
+        set_points(expected, points, point)
         for row in recent:
             if squared_difference(failures.vectors[row], expected, square) < square:
                 return int(row)
-    for point in _PLACES:
-        lay_points(expected, points, point)
+    for point in _FAILURE_POINTS:
+        set_points(expected, points, point)
         near: int = near_failure(failures, expected, square)
         if near >= 0:
             return near
@@ -343,43 +354,46 @@ def draw_child(
     child: FloatArray,
     expected: FloatArray,
 ) -> tuple[int, int, int]:
-    """Draw children until one is expected to fail as no known failure does.
+    """Draw children until one is expected to fail as no known failure did.
 
-    Return the number of its draw, its size and by how many values the place has moved; the draw is
-    -1 if all are refused.
-
-    A child is expected to fail with the parent's offsets, and with the parent's speeds and the
-    change that the model predicts, at one of the `WAYS` from the parent's place.
+    A child is expected to fail at one of the `FAILURE_DISTANCES` from the parent's place, with the
+    parent's offsets, and with the parent's speeds plus the change that the model predicts.
 
     Args:
-        operators: (k,) numbers of the operators of each draw.
-        u: (k, m) uniform random numbers, see `vary`, and then as many as the child has room for.
-        parent: (N,) 1/m.
-        step: m between two values.
-        place: m along the parent's road.
-        vector: (64,) m, the parent's approach to it.
-        others: (k, .) 1/m, for each draw another road of the archive.
-        other_sizes: (k,) numbers of their values.
-        other_sites: (k,) indices of the values before their places.
-        lengths: (k,) usual numbers of values.
+        operators: (k,) numbers of the operators, one for each draw.
+        u: (k, m) uniform random numbers for each draw: see `vary`, then as many as the child has
+            room for.
+        parent: Curvatures of the parent, (N,) in 1/m.
+        step: Distance between two curvatures, in m.
+        place: Distance along the parent's road to the critical place, in m.
+        vector: The parent's approach to the place, (64,) in m.
+        others: Curvatures of another road of the archive for each draw, (k, room) in 1/m.
+        other_sizes: (k,) numbers of values of the other roads.
+        other_sites: (k,) indices of the values before the places of the other roads.
+        lengths: (k,) usual numbers of values of a road, see `vary`.
         limits: See `vary`.
         known: Known failures on the parent's side.
         opposite: Known failures on the other side, for a mirrored child.
-        least: m, least difference from these failures.
-        run_ups: (k,) m of road before the place that a child keeps from its parent, and `AFTER`
-            times as much behind it; the rest is drawn anew. 0: the child keeps all of it.
+        least: Least difference from these failures, in m.
+        run_ups: (k,) lengths in m. A child keeps its parent's road so far before the place, and
+            `AFTER` times as far after it; the rest is drawn anew. 0: the child keeps all of it.
         weights: See `SpeedModel.weights`; empty if no speeds are predicted.
-        child: Room for the child's values.
-        expected: (64,) m, room for the approach with which the child is expected to fail.
+        child: Room for the child's curvatures, in 1/m.
+        expected: Room for the approach with which the child is expected to fail, (64,) in m.
+
+    Returns:
+        The index of the child's draw, the number of its values, and by how many values the place
+        has moved. The index is -1 if all draws are refused.
 
     """
+    # Predicted speeds on the parent's road and on the child's, and the room for values.
     before, after, most = np.empty(STATES), np.empty(STATES), len(child)
     road = parent.copy()  # writable like `child`: kernels are compiled for writable arrays alone
     if len(weights):
         predict(weights, road, step, place - BEHIND, before)
     site = min(int(place / step), len(parent) - 1)
     # A failure that refused a sibling is likely to refuse the next child.
-    recent, refusals = np.empty(_RECENT, np.int64), 0
+    recent, refusals = np.empty(_RECENT_FAILURES, np.int64), 0
     for k in range(len(operators)):
         n, moved = vary(
             operators[k],
@@ -406,14 +420,16 @@ def draw_child(
             predict(weights, child[:n], step, there - BEHIND, after)
             for i in range(STATES):
                 expected[ROAD_SIZE + STATES + i] += (after[i] - before[i]) * STATE_SCALE
-        table, ds, start = table_around(child[:n], step, there + min(WAYS), there + max(WAYS))
+        table, ds, start = table_around(
+            child[:n], step, there + min(FAILURE_DISTANCES), there + max(FAILURE_DISTANCES)
+        )
         there -= start
-        first = recent[: 0 if operators[k] == MIRROR else min(refusals, _RECENT)]
+        first = recent[: 0 if operators[k] == MIRROR else min(refusals, _RECENT_FAILURES)]
         row = _refusing_failure(failures, expected, least * least, table, ds, there, first)
         if row < 0:
-            lay_road(expected, table, ds, there)
+            set_road(expected, table, ds, there)
             return k, n, moved
         if operators[k] != MIRROR:
-            recent[refusals % _RECENT] = row
+            recent[refusals % _RECENT_FAILURES] = row
             refusals += 1
     return -1, 0, 0
