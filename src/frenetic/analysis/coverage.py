@@ -274,6 +274,7 @@ class _DriveCells:
     def _count_drives(
         self, cells: npt.NDArray[np.int64], indices: Sequence[int]
     ) -> npt.NDArray[np.int64]:
+        """Return the number of drives in each cell of some axes."""
         shape = tuple(self.axes[i].cell_count for i in indices)
         flat = np.ravel_multi_index([cells[:, i] for i in indices], shape)
         return np.bincount(flat, minlength=math.prod(shape)).reshape(shape)

@@ -280,6 +280,7 @@ class Frenetic2021(Strategy):
 
     @property
     def _in_random_phase(self) -> bool:
+        """Whether the search still proposes random roads only."""
         return self._budget_spent < self._random_budget
 
     def _counts(self, evaluation: Evaluation) -> bool:

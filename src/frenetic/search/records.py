@@ -158,6 +158,7 @@ class Trace:
 
 
 def _no_trace() -> Trace | None:
+    """Return None: by default there is no trace."""
     return None
 
 
