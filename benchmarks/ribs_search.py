@@ -153,9 +153,9 @@ class RibsSearch(Strategy):
         """
         candidate = self._ledger.settle(evaluation)
         batch, row = self._rows.pop(candidate.id, (None, 0))
-        if evaluation.outcome.is_driven and evaluation.severity is not None:
+        if evaluation.outcome.is_driven and evaluation.fitness is not None:
             self._driven += 1
-            objective, measures = -evaluation.severity, self._behaviour(evaluation, candidate)
+            objective, measures = -evaluation.fitness, self._behaviour(evaluation, candidate)
             if self._best is None or objective > self._best[0]:
                 self._best = objective, candidate.curvatures
             if batch is None:

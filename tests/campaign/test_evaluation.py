@@ -80,10 +80,10 @@ def test_an_evaluation_has_a_moobd_only_after_a_whole_drive() -> None:
     assert failed.duration is not None
     assert len(failed.trace.distance) == (time < failed.duration + 0.01).sum() < len(time)
     accelerated = evaluate(candidate, road, drive, objective="lateral-acceleration")
-    expected = Objective.load("lateral-acceleration").severity(road, drive)
+    expected = Objective.load("lateral-acceleration").fitness(road, drive)
     assert expected is not None
-    assert accelerated.severity == expected < 0.0
-    assert evaluate(candidate, road, drive).severity == accelerated.moobd
+    assert accelerated.fitness == expected < 0.0
+    assert evaluate(candidate, road, drive).fitness == accelerated.moobd
     with pytest.raises(FreneticError, match="nothing"):
         evaluate(candidate, road, drive, objective="nothing")
 

@@ -35,14 +35,14 @@ def endless(road, drive):
 
 
 class Recording(Frenetic):
-    """Records the severities of its results."""
+    """Records the fitness of its results."""
 
     def __init__(self, seed: int) -> None:
         super().__init__(seed=seed, random_budget=1.0)
-        self.severities: list[float | None] = []
+        self.fitness_values: list[float | None] = []
 
     def tell(self, evaluation: Evaluation) -> None:
-        self.severities.append(evaluation.severity)
+        self.fitness_values.append(evaluation.fitness)
         super().tell(evaluation)
 
 
@@ -51,9 +51,9 @@ def search(folder: Path, objective: str, simulations: int = 50) -> Campaign:
     return campaign(folder, simulations, objective=objective, **parts)
 
 
-def severities(campaign: Campaign) -> list[float | None]:
+def fitness_values(campaign: Campaign) -> list[float | None]:
     assert isinstance(campaign.strategy, Recording)
-    return campaign.strategy.severities
+    return campaign.strategy.fitness_values
 
 
 def test_built_in_objectives_agree_with_the_oracle() -> None:
@@ -62,13 +62,13 @@ def test_built_in_objectives_agree_with_the_oracle() -> None:
         drive = simulator.drive(road, Planner(aggression=1.4))
     result = judge(road, drive)
     assert Objective.load("moobd").measure(road, drive) == result.moobd
-    assert Objective.load("moobd").severity(road, drive) is None
+    assert Objective.load("moobd").fitness(road, drive) is None
     share = Objective.load("oob-share")
-    assert share.severity(road, drive) == -(result.max_oob_share or 0.0) < 0.0
+    assert share.fitness(road, drive) == -(result.max_oob_share or 0.0) < 0.0
     count = len(assess(road, drive).distance)
     fastest = np.abs(drive.trajectory.lateral_acceleration[:count]).max()
-    severity = Objective.load("lateral-acceleration").severity(road, drive)
-    assert severity == pytest.approx(-fastest)
+    fitness = Objective.load("lateral-acceleration").fitness(road, drive)
+    assert fitness == pytest.approx(-fastest)
     assert 3.0 < fastest < 20.0
     with pytest.raises(FreneticError, match=r"unknown objective 'oob'.*oob-share"):
         Objective.load("oob")
@@ -80,8 +80,8 @@ def test_a_campaign_resumed_with_an_objective_equals_one_run(tmp_path: Path) -> 
     search(tmp_path / "parts", "oob-share", simulations=30).run()
     resumed = search(tmp_path / "parts", "oob-share", simulations=40)
     resumed.resume()
-    values = severities(resumed)
-    assert values == severities(whole)
+    values = fitness_values(resumed)
+    assert values == fitness_values(whole)
     with CampaignStore.open(tmp_path / "whole") as store:
         assert {-value for value in objective_values(store).values()} == {*values} - {None}
     without = ("budget_spent",)

@@ -226,7 +226,7 @@ class Recording(Frenetic):
         traces = [] if trace is None else [trace.distance, trace.lateral_offset, trace.speed]
         values = (evaluation.finding, evaluation.worst_place, evaluation.duration)
         columns = (column.tobytes() for column in traces)
-        self.evaluations.append((*values, evaluation.severity, *columns))
+        self.evaluations.append((*values, evaluation.fitness, *columns))
         super().tell(evaluation)
 
 

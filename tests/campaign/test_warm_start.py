@@ -130,8 +130,8 @@ def test_another_objective_is_measured_on_the_stored_drives(tmp_path: Path, firs
     other = search(tmp_path / "v2", first, objective="lateral-acceleration", simulations=3)
     other.run()
     assert isinstance(other.strategy, Recording)
-    severities = [evaluation.severity for evaluation in other.strategy.earlier]
-    assert all(value is not None and -25.0 < value < -1.0 for value in severities)
+    fitness_values = [evaluation.fitness for evaluation in other.strategy.earlier]
+    assert all(value is not None and -25.0 < value < -1.0 for value in fitness_values)
 
 
 @pytest.mark.parametrize("objective", ["moobd", "lateral-acceleration"])

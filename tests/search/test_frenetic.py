@@ -154,7 +154,7 @@ def test_a_distant_second_peak_is_a_second_place() -> None:
     first, second = critical_places(evaluation, candidate, -0.5)
     assert (first.side, second.side) == (LEFT, RIGHT)
     assert second.distance == pytest.approx(100.0, abs=1.0)
-    assert second.severity == pytest.approx(1.0, abs=0.01)
+    assert second.fitness == pytest.approx(1.0, abs=0.01)
     assert abs(second.distance - first.distance) > APART
 
 

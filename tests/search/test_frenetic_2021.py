@@ -91,7 +91,7 @@ class Row:
     siblings: list[Row] = field(default_factory=list)
     visited: bool = False
     outcome: Outcome | None = None
-    severity: float | None = None
+    fitness: float | None = None
 
 
 @dataclass
@@ -189,9 +189,9 @@ class Twin:
     def below(self) -> list[Row]:
         """Return driven roads below the threshold, the worst first."""
         ranked = [
-            (row.severity, row.id, row)
+            (row.fitness, row.id, row)
             for row in self.table
-            if row.severity is not None and row.severity < self.threshold
+            if row.fitness is not None and row.fitness < self.threshold
         ]
         return [row for _, _, row in sorted(ranked, key=lambda entry: entry[:2])]
 
@@ -213,7 +213,7 @@ class Twin:
 
     def tell(self, evaluation: Evaluation) -> None:
         row = self.table[evaluation.candidate.id - 1]
-        row.outcome, row.severity = evaluation.outcome, evaluation.severity
+        row.outcome, row.fitness = evaluation.outcome, evaluation.fitness
         if row.outcome is not DROPPED and row.operator not in ("F1", "C1", "C2"):
             self.ran += self.spent >= self.random_budget
         self.spent = max(self.spent, evaluation.budget_spent)
@@ -246,13 +246,13 @@ def follow(
             twin.wants(candidate) for candidate in waiting
         ]
         candidate = waiting.pop(int(rng.integers(outstanding)))
-        outcome, severity = result()
+        outcome, fitness = result()
         if not twin.wants(candidate) and rng.random() < 0.5:
-            outcome, severity = DROPPED, None
+            outcome, fitness = DROPPED, None
         spent = count / tests if rng.random() < 0.9 else 0.0  # some results come late
-        evaluation = Evaluation(candidate, outcome, severity, spent)
-        if objective and severity is not None:
-            evaluation = Evaluation(candidate, outcome, 1.0, spent, objective=severity)
+        evaluation = Evaluation(candidate, outcome, fitness, spent)
+        if objective and fitness is not None:
+            evaluation = Evaluation(candidate, outcome, 1.0, spent, objective=fitness)
         search.tell(evaluation)
         twin.tell(evaluation)
     return [row.operator for row in twin.table]

@@ -31,9 +31,7 @@ from frenetic._support.words import counted, lane_words
 from frenetic.analysis.causes import Cause, as_text
 from frenetic.analysis.failures import Failure, describe, failures_of
 from frenetic.analysis.linkage import link
-from frenetic.analysis.segments import (
-    segments_of,
-)
+from frenetic.analysis.segments import segments_of
 from frenetic.campaign.evaluation import evaluation_of
 from frenetic.campaign.objective import MOOBD, Objective
 from frenetic.campaign.record import Test

@@ -49,13 +49,13 @@ def evaluate(
         return Evaluation(candidate, result.outcome, None, budget_spent, duration=result.duration)
     if not isinstance(objective, Objective):
         objective = Objective.load(objective)
-    severity, path = objective.severity(road, drive), drive.trajectory
+    fitness, path = objective.fitness(road, drive), drive.trajectory
     return _evaluation(
         candidate,
         result,
         budget_spent,
-        severity=severity,
-        place=None if severity is None else objective.place(road, drive),
+        fitness=fitness,
+        place=None if fitness is None else objective.place(road, drive),
         read_trace=lambda: _trace_along(road, path, result.duration),
     )
 
@@ -75,17 +75,17 @@ def evaluation_of(
     Raises:
         CampaignError: the objective has no value for the test.
     """
-    severity = place = None
+    fitness = place = None
     if test.outcome.is_driven and objective.name != MOOBD:
         drive = replace(test, trajectory=read_trajectory()).drive
         if drive is not None:
-            severity = objective.severity(test.road, drive)
+            fitness = objective.fitness(test.road, drive)
             place = objective.place(test.road, drive)
     return _evaluation(
         test.candidate,
         test.result,
         test.budget_spent,
-        severity=severity,
+        fitness=fitness,
         place=place,
         read_trace=lambda: _trace_of(test, read_trajectory()),
     )
@@ -96,7 +96,7 @@ def _evaluation(
     result: Result,
     budget_spent: float,
     *,
-    severity: float | None,
+    fitness: float | None,
     place: float | None,
     read_trace: Callable[[], Trace | None],
 ) -> Evaluation:
@@ -106,7 +106,7 @@ def _evaluation(
         candidate: the candidate.
         result: verdict on its drive.
         budget_spent: spent share of the budget, from 0 to 1.
-        severity: value that the strategy minimises; None for the MOOBD.
+        fitness: value that the strategy minimises; None for the MOOBD.
         place: where along the road that value was reached, in m; None for the place of the MOOBD.
         read_trace: function that returns the drive's trace.
     """
@@ -119,7 +119,7 @@ def _evaluation(
         worst_place=result.moobd_distance if place is None else place,
         duration=result.duration,
         fault=result.fault,
-        objective=severity,
+        objective=fitness,
         read_trace=read_trace,
     )
 

@@ -83,7 +83,7 @@ class Objective:
         place_of = getattr(self.measure, "place_of", None)
         return None if place_of is None else place_of(road, drive)
 
-    def severity(self, road: Road, drive: Drive) -> float | None:
+    def fitness(self, road: Road, drive: Drive) -> float | None:
         """Return the value that a strategy minimises; None for the MOOBD.
 
         Raises:

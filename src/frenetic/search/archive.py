@@ -41,7 +41,7 @@ _PLACE = np.dtype(
     [
         ("distance", np.float64),  # distance along the road, in m
         ("side", np.int64),  # LEFT, RIGHT or NEITHER
-        ("severity", np.float64),  # value that the search minimises
+        ("fitness", np.float64),  # value that the search minimises
         ("has_failed", np.bool_),  # whether the drive failed at the place
         ("cost", np.float64),  # what speaks against the place as a parent, such as its children
     ]
@@ -55,7 +55,7 @@ class Place(NamedTuple):
     """Distance along the road, in m."""
     side: int
     """LEFT, RIGHT or NEITHER."""
-    severity: float
+    fitness: float
     """Value that the search minimises."""
     has_failed: bool
     """Whether the drive failed at the place."""
@@ -81,7 +81,7 @@ class Archive:
 
     @property
     def places(self) -> npt.NDArray[np.void]:
-        """Record of each place, (n,): distance, side, severity, has_failed, cost; a view."""
+        """Record of each place, (n,): distance, side, fitness, has_failed, cost; a view."""
         return self._places[: len(self)]
 
     @property
@@ -133,7 +133,7 @@ class Archive:
         return float(np.sqrt(square))
 
 
-def critical_places(evaluation: Evaluation, candidate: Candidate, severity: float) -> list[Place]:
+def critical_places(evaluation: Evaluation, candidate: Candidate, fitness: float) -> list[Place]:
     """Return one or two critical places of a driven road, the worst first.
 
     The first is the place of the result: where the drive failed, or else was worst. The second is
@@ -144,7 +144,7 @@ def critical_places(evaluation: Evaluation, candidate: Candidate, severity: floa
         evaluation: Result of a driven road. Without a trace, there is one place, and offsets and
             speeds before it count as 0.
         candidate: The road.
-        severity: Value that the search minimises.
+        fitness: Value that the search minimises.
 
     """
     curvatures, step = candidate.curvatures, candidate.step
@@ -153,31 +153,31 @@ def critical_places(evaluation: Evaluation, candidate: Candidate, severity: floa
     table = build_table(curvatures, step, 0.0, 0.0, 0.0, per_piece)
     trace = evaluation.trace
 
-    def place_at(distance: float, side: int, severity: float, has_failed: bool) -> Place:
+    def place_at(distance: float, side: int, fitness: float, has_failed: bool) -> Place:
         """Return the place at a distance along the road, kept within the road."""
         distance = min(max(distance, 0.0), length)
         road = road_around(table, step / per_piece, distance)
         states = states_before(trace, distance)
-        return Place(distance, side, severity, has_failed, as_vector(road, *states))
+        return Place(distance, side, fitness, has_failed, as_vector(road, *states))
 
     has_failed = evaluation.outcome is Outcome.FAIL
     finding = evaluation.finding
     finding_side = SIDES[None if finding is None else finding.side]
     if trace is None:
         distance = 0.5 * length if evaluation.place is None else evaluation.place
-        return [place_at(distance, finding_side, severity, has_failed)]
+        return [place_at(distance, finding_side, fitness, has_failed)]
     offsets = np.abs(trace.lateral_offset)
     peak = int(np.argmax(offsets))
     distance = float(trace.distance[peak]) if evaluation.place is None else evaluation.place
     side = finding_side if has_failed else _side(trace, peak)
-    places = [place_at(distance, side, severity, has_failed)]
+    places = [place_at(distance, side, fitness, has_failed)]
     offsets_apart = np.where(np.abs(trace.distance - distance) > APART, offsets, 0.0)
     second = int(np.argmax(offsets_apart))
     oob_distance = _HALF_LANE - float(offsets_apart[second])
     if oob_distance < NEAR_MISS:
         second_distance = float(trace.distance[second])
         side = _side(trace, second)
-        places.append(place_at(second_distance, side, severity=oob_distance, has_failed=False))
+        places.append(place_at(second_distance, side, fitness=oob_distance, has_failed=False))
     return places
 
 

@@ -78,5 +78,5 @@ def choose_likeliest(
 def features_of_child(child: Child, model: FailureModel, archive: Archive) -> FloatArray:
     """Return the features of a child for a model, see `FailureModel.features`."""
     vector = archive.vectors[child.row] if child.vector is None else child.vector
-    severity = float(archive.places["severity"][child.row])
-    return model.features(vector, child.side, child.operator, severity)
+    fitness = float(archive.places["fitness"][child.row])
+    return model.features(vector, child.side, child.operator, fitness)

@@ -37,10 +37,10 @@ class EarlierRoads:
         """Number of values of the longest road; 0 without a road."""
         return max((len(road.curvatures) for road in self._archive.candidates), default=0)
 
-    def add(self, evaluation: Evaluation, severity: float) -> None:
+    def add(self, evaluation: Evaluation, fitness: float) -> None:
         """Add the road of an earlier drive."""
         candidate = evaluation.candidate
-        worst = critical_places(evaluation, candidate, severity)[0]
+        worst = critical_places(evaluation, candidate, fitness)[0]
         # Not as a failure: `squares` shall hold differences from proposed roads, see `pop`.
         self._archive.add(candidate, worst._replace(has_failed=False))
         self._waiting += 1
@@ -58,7 +58,7 @@ class EarlierRoads:
     def pop(self) -> Candidate:
         """Return the best road that was not proposed: severe, and unlike the proposed roads."""
         places, squares = self._archive.places, self._archive.squares
-        worth = np.minimum(-places["severity"], NEAR_MISS_WORTH)
+        worth = np.minimum(-places["fitness"], NEAR_MISS_WORTH)
         worth = worth + np.sqrt(squares) - places["cost"]
         row = int(np.argmax(worth))
         places["cost"][row] = math.inf  # never again

@@ -1,7 +1,7 @@
 """How likely a child will fail: a logistic model, learnt from the campaign's children.
 
 Its features are the approach with which the child is expected to fail (see `approach`), mirrored
-where needed so that the failure is to the left, the operator, and the parent's severity.
+where needed so that the failure is to the left, the operator, and the parent's fitness.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ _LEARNING_RATE = 0.1  # learning rate of Adagrad
 _FIRST_SQUARES = 1e-6  # sum of squared gradients with which Adagrad begins
 _MIN_CHILDREN = 30  # children before the first use
 _USUAL_SPEED, _SPEED_SPREAD = 14.0, 4.0  # [m/s] offset and scale of speeds as features
-_MAX_SEVERITY = 2.0  # bound of the parent's severity as a feature, in either direction
+_MAX_FITNESS = 2.0  # bound of the parent's fitness as a feature, in either direction
 _MAX_LOGIT = 30.0  # bound that keeps the exponential finite
 
 
@@ -43,7 +43,7 @@ class FailureModel:
         self._count = 0  # number of all children so far
 
     def features(
-        self, vector: FloatArray, side: int, operator: int | None, severity: float
+        self, vector: FloatArray, side: int, operator: int | None, fitness: float
     ) -> FloatArray:
         """Return the features of a child, (n,).
 
@@ -51,7 +51,7 @@ class FailureModel:
             vector: (64,) m, the approach with which the child is expected to fail.
             side: Side of the lane on which it is expected to fail, as in `archive.SIDES`.
             operator: Number of the operator that made the child; None in other conditions.
-            severity: Severity of the parent.
+            fitness: Fitness of the parent.
         """
         mirror = -1.0 if side == RIGHT else 1.0
         # y of the road's points, then the states before the place.
@@ -63,9 +63,9 @@ class FailureModel:
         is_operator = np.zeros(self._operators)
         if operator is not None:
             is_operator[operator] = 1.0
-        bounded_severity = min(max(severity, -_MAX_SEVERITY), _MAX_SEVERITY)
+        bounded_fitness = min(max(fitness, -_MAX_FITNESS), _MAX_FITNESS)
         constant = 1.0
-        others = (constant, bounded_severity, bend * speeds[-1], bend * bend)
+        others = (constant, bounded_fitness, bend * speeds[-1], bend * bend)
         return np.concatenate((aside, offsets, speeds, others, is_operator))
 
     @property

@@ -218,12 +218,12 @@ class Frenetic(Strategy):
     def start_from(self, earlier: Sequence[Evaluation]) -> None:
         """Learn from earlier campaigns and take their roads, see `Strategy.start_from`."""
         for evaluation in earlier:
-            candidate, severity = evaluation.candidate, evaluation.severity
+            candidate, fitness = evaluation.candidate, evaluation.fitness
             if evaluation.outcome is Outcome.DROPPED:  # a stretch of a real road
                 self._real_roads.append(candidate)
-            if not evaluation.outcome.is_driven or severity is None:
+            if not evaluation.outcome.is_driven or fitness is None:
                 continue
-            self._earlier_roads.add(evaluation, severity)
+            self._earlier_roads.add(evaluation, fitness)
             if evaluation.trace is not None:
                 self._speed_model.learn(candidate.curvatures, candidate.step, evaluation.trace)
         longest_real = max((len(road.curvatures) for road in self._real_roads), default=0)
@@ -258,14 +258,14 @@ class Frenetic(Strategy):
         proposed = self._children.pop(candidate.id, None)
         self._archive.settle(candidate.id)
         self._budget_spent = max(self._budget_spent, evaluation.budget_spent)
-        severity = evaluation.severity
-        if severity is not None and evaluation.outcome.is_driven:
-            self._parents.learn(severity, is_moobd=evaluation.objective is None)
+        fitness = evaluation.fitness
+        if fitness is not None and evaluation.outcome.is_driven:
+            self._parents.learn(fitness, is_moobd=evaluation.objective is None)
         elif evaluation.outcome is not Outcome.FAIL:
             return  # not driven, or without a verdict: nothing to learn
         novelty, fault = 0.0, evaluation.fault
         if fault is None or fault not in self._faults:  # only the first fault of a line is new
-            novelty = self._add_to_archive(evaluation, candidate, severity or 0.0)
+            novelty = self._add_to_archive(evaluation, candidate, fitness or 0.0)
         if fault is not None:
             self._faults.add(fault)
         if evaluation.trace is not None:
@@ -290,11 +290,11 @@ class Frenetic(Strategy):
             self._archive.places["cost"][child.row] -= _SUCCESS_REFUND * novelty
 
     def _add_to_archive(
-        self, evaluation: Evaluation, candidate: Candidate, severity: float
+        self, evaluation: Evaluation, candidate: Candidate, fitness: float
     ) -> float:
         """Add the critical places of a drive; return the novelty of its failure, 0 to 1."""
         row = len(self._archive)
-        worst, *others = critical_places(evaluation, candidate, severity)
+        worst, *others = critical_places(evaluation, candidate, fitness)
         difference = self._archive.add(candidate, worst)
         if self._parents.is_moobd:
             for place in others:

@@ -47,9 +47,9 @@ _MIN_PARENTS = 5
 
 
 class _Scored(NamedTuple):
-    """A driven candidate below the threshold; sorts by severity, then in the order of asking."""
+    """A driven candidate below the threshold; sorts by fitness, then in the order of asking."""
 
-    severity: float
+    fitness: float
     id: int
     outcome: Outcome
     candidate: Candidate
@@ -258,11 +258,11 @@ class Frenetic2021(Strategy):
         if not evaluation.outcome.is_driven:
             return
         self._has_driven = True
-        severity = evaluation.severity
+        fitness = evaluation.fitness
         if siblings is not None and evaluation.outcome is Outcome.FAIL:
             siblings.append(candidate.id)
-        if severity is not None and severity < self._threshold:
-            self._remember(_Scored(severity, candidate.id, evaluation.outcome, candidate))
+        if fitness is not None and fitness < self._threshold:
+            self._remember(_Scored(fitness, candidate.id, evaluation.outcome, candidate))
 
     def is_wanted(self, candidate: Candidate) -> bool:
         """Return whether no sibling of a mutant has failed: mutants are tried until one fails."""

@@ -12,16 +12,16 @@ from frenetic.search.archive import FAR, Archive
 
 # The values are our choice.
 _POOL_AGE = 20  # drives after which the pool is chosen anew
-_RECENT_DRIVES = 1500  # last drives from whose severities the threshold follows
-_NEAR_QUANTILE = 0.2  # quantile of these severities up to which a drive came near failing
+_RECENT_DRIVES = 1500  # last drives, from whose fitness the threshold follows
+_NEAR_QUANTILE = 0.2  # quantile of these fitness values up to which a drive came near failing
 _CLOSEST_QUANTILE = 0.03  # the same quantile while no failure is known
 _MIN_POOL = 5  # least number of drives in the pool while no failure is known
 _NEAR_MISS_MOOBD = -0.3  # [m] MOOBD below which a drive came near failing, whatever the driver
 _TOURNAMENT_SIZE = 24  # places of the pool of which the best one is taken
 _FAILURE_WORTH = 3.0  # worth of a place where the car failed
-_MIN_SPREAD = 1e-9  # least scale of severities: equal severities must not divide by 0
+_MIN_SPREAD = 1e-9  # least scale of fitness values: equal values must not divide by 0
 NEAR_MISS_WORTH = 1.5
-"""Largest worth that its severity gives a place where the car did not fail."""
+"""Largest worth that its fitness gives a place where the car did not fail."""
 
 
 class ParentPool:
@@ -40,26 +40,26 @@ class ParentPool:
         self._rng = rng
         # A near miss is worth at most NEAR_MISS_WORTH + FAR.
         self._failure_worth = _FAILURE_WORTH + FAR if failures_first else _FAILURE_WORTH
-        self._severities: list[float] = []
+        self._fitness_values: list[float] = []
         self.lowest = math.inf
-        """Lowest severity of a drive."""
+        """Lowest fitness of a drive."""
         self.is_moobd = True
-        """Whether severities are MOOBDs, in m."""
+        """Whether fitness values are MOOBDs, in m."""
         self.rows: npt.NDArray[np.int64] = np.empty(0, dtype=np.int64)
         """Rows of the places in the archive, (n,)."""
         self._next_refresh = 0  # number of drives from which on the rows are too old
-        # Severities are compared as (origin - severity) / spread.
+        # Fitness values are compared as (origin - fitness) / spread.
         self._origin, self._spread = 0.0, 1.0
 
     @property
     def drives(self) -> int:
-        """Number of drives with a severity."""
-        return len(self._severities)
+        """Number of drives with a fitness."""
+        return len(self._fitness_values)
 
-    def learn(self, severity: float, *, is_moobd: bool) -> None:
-        """Remember the severity of a drive."""
-        self._severities.append(severity)
-        self.lowest = min(self.lowest, severity)
+    def learn(self, fitness: float, *, is_moobd: bool) -> None:
+        """Remember the fitness of a drive."""
+        self._fitness_values.append(fitness)
+        self.lowest = min(self.lowest, fitness)
         self.is_moobd = is_moobd
 
     def refresh(self) -> None:
@@ -67,7 +67,7 @@ class ParentPool:
         if self.drives < self._next_refresh:
             return
         self._next_refresh = self.drives + _POOL_AGE
-        recent = np.array(self._severities[-_RECENT_DRIVES:])
+        recent = np.array(self._fitness_values[-_RECENT_DRIVES:])
         near, median = (float(q) for q in np.quantile(recent, (_NEAR_QUANTILE, 0.5)))
         if not self.is_moobd:
             self._origin, self._spread = near, max(median - near, _MIN_SPREAD)
@@ -77,7 +77,7 @@ class ParentPool:
         else:
             threshold = max(near, _NEAR_MISS_MOOBD) if self.is_moobd else near
         places = self._archive.places
-        self.rows = np.flatnonzero(places["has_failed"] | (places["severity"] <= threshold))
+        self.rows = np.flatnonzero(places["has_failed"] | (places["fitness"] <= threshold))
 
     def draw_mates(
         self, is_needed: npt.NDArray[np.bool_], room: int
@@ -110,7 +110,7 @@ class ParentPool:
         """
         rows = self.rows[self._rng.integers(0, len(self.rows), _TOURNAMENT_SIZE)]
         places = self._archive.places[rows]
-        worth = np.minimum((self._origin - places["severity"]) / self._spread, NEAR_MISS_WORTH)
+        worth = np.minimum((self._origin - places["fitness"]) / self._spread, NEAR_MISS_WORTH)
         if self._archive.has_failures:
             worth += np.sqrt(self._archive.squares[rows])
         worth[places["has_failed"]] = self._failure_worth

@@ -46,11 +46,11 @@ def promise_of(
     the place is None.
     """
     evaluation = foresight.foresee(candidate)
-    if evaluation is None or evaluation.severity is None:
+    if evaluation is None or evaluation.fitness is None:
         return -math.inf, None
-    place = critical_places(evaluation, candidate, evaluation.severity)[0]
+    place = critical_places(evaluation, candidate, evaluation.fitness)[0]
     if not place.has_failed:
-        return min(-place.severity, -0.0), place
+        return min(-place.fitness, -0.0), place
     known = archive.failures(place.side)
     return math.sqrt(nearest_known_square(known, place.vector, FAR * FAR)), place
 

@@ -204,8 +204,8 @@ class Evaluation:
         return self.worst_place if self.finding is None else self.finding.distance
 
     @property
-    def severity(self) -> float | None:
-        """Value to be minimised, lower is worse for the driver; None unless PASS or FAIL.
+    def fitness(self) -> float | None:
+        """Value that the search minimises: the lower, the worse the drive; None unless PASS or FAIL.
 
         It is the MOOBD, or the value of the campaign's other objective.
         """
