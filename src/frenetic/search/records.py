@@ -205,7 +205,7 @@ class Evaluation:
 
     @property
     def fitness(self) -> float | None:
-        """Value that the search minimises: the lower, the worse the drive; None unless PASS or FAIL.
+        """Value that the search minimises, lower for a worse drive; None unless PASS or FAIL.
 
         It is the MOOBD, or the value of the campaign's other objective.
         """
