@@ -1,7 +1,23 @@
-"""Policies as drivers: an observation as a vector of -1..1, and controls from an action of -1..1.
+"""Policies as drivers: they get an observation as a vector, and answer with an action.
 
-The environment of `frenetic.plugins.gym` trains on this vector and these actions; `PolicyDriver`
-drives with them in any simulator. Both call the same kernels, so a policy drives alike in both.
+All numbers of the vector and of the action lie in -1..1. The environment of
+`frenetic.plugins.gym` trains on this vector and these actions; `PolicyDriver` drives with them in
+any simulator. Both call the same kernels, so a policy drives alike in both.
+
+The vector, float32, has 26 numbers; the constants below are their full scales:
+
+| index | number | full scale |
+| --- | --- | --- |
+| 0 | speed | `MAX_SPEED` |
+| 1 | speed limit minus speed | `MAX_SPEED` |
+| 2 | yaw rate, positive to the left | `MAX_YAW_RATE` |
+| 3 | angle of the front wheels, positive to the left | `STEERING_RANGE`, or the car's limit |
+| 4 | offset from the lane's centre, positive to the left | width of the lane |
+| 5 | heading error, positive to the left | `MAX_HEADING_ERROR` |
+| 6..25 | curvature of the lane every 4 m from the car on, positive to the left | `MAX_CURVATURE` |
+
+The action has 2 numbers: steering, where 1 asks for index 3's full scale to the left, and a pedal:
+throttle above 0, brake below 0.
 """
 
 from __future__ import annotations
@@ -19,29 +35,33 @@ from frenetic.drivers.driver import AHEAD_POINTS, Controls, DriveSetup, Observat
 from frenetic.drivers.laws import LANE_WIDTH, MAX_STEERING, SPEED_LIMIT, setup_array
 from frenetic.errors import DriverError
 
+# The full scales are our choice.
 MAX_SPEED: Final = 40.0
-"""Speed that stands as 1 in the vector, in m/s."""
+"""Full scale of speeds, in m/s: a larger speed is cut to 1."""
 MAX_YAW_RATE: Final = 2.0
-"""Yaw rate that stands as 1, in rad/s."""
+"""Full scale of the yaw rate, in rad/s."""
 MAX_HEADING_ERROR: Final = 0.5
-"""Heading error that stands as 1, in rad."""
+"""Full scale of the heading error, in rad."""
 MAX_CURVATURE: Final = 0.1
-"""Curvature that stands as 1, in 1/m; valid roads have at most 0.07."""
+"""Full scale of curvatures, in 1/m; valid roads have at most 0.07."""
 STEERING_RANGE: Final = 0.5
-"""Angle of the front wheels that a steering of 1 asks for, in rad; less if the car's limit is."""
+"""Full scale of the front wheels' angle, in rad; the car's largest angle if that is less."""
 POINTS_APART: Final = 2
-"""Points of the view between two curvatures of the vector: 4 m."""
+"""Every second point of the driver's view gives a curvature: one every 4 m."""
 CURVATURES: Final = AHEAD_POINTS // POINTS_APART
-"""Curvatures in the vector: 76 m."""
+"""Number of curvatures in the vector, the last one 76 m ahead."""
 VECTOR_SIZE: Final = 6 + CURVATURES
 """Length of the vector."""
 ACTION_SIZE: Final = 2
-"""Length of an action: steering, then throttle (above 0) or brake (below)."""
+"""Length of an action."""
+
+# LANE_WIDTH, MAX_STEERING and SPEED_LIMIT are indices of the array that `setup_array` returns.
 
 
 @njit()
-def _share(value: float, most: float) -> float:
-    return min(max(value / most, -1.0), 1.0)
+def _scaled(value: float, full_scale: float) -> float:
+    """Return a value as a share of its full scale, cut to -1..1."""
+    return min(max(value / full_scale, -1.0), 1.0)
 
 
 @njit()
@@ -52,7 +72,7 @@ def write_vector(
     lateral_offset: float,
     heading_error: float,
     curvature_ahead: FloatArray,
-    rows: int,
+    points: int,
     setup: FloatArray,
     limit: float,
     out: npt.NDArray[np.float32],
@@ -62,25 +82,30 @@ def write_vector(
     Args:
         speed, yaw_rate, steering, lateral_offset, heading_error, curvature_ahead: as in an
             `Observation`.
-        rows: points of the driver's view; beyond them the vector says straight ahead.
-        setup: `setup_array`.
-        limit: m/s, the speed limit where the car is.
-        out: written to.
+        points: number of valid values of ``curvature_ahead``; 0 stands for later ones.
+        setup: array that `setup_array` returns.
+        limit: speed limit where the car is, in m/s.
+        out: array that receives the vector.
     """
-    out[0] = _share(speed, MAX_SPEED)
-    out[1] = _share(limit - speed, MAX_SPEED)
-    out[2] = _share(yaw_rate, MAX_YAW_RATE)
-    out[3] = _share(steering, min(STEERING_RANGE, setup[MAX_STEERING]))
-    out[4] = _share(lateral_offset, setup[LANE_WIDTH])
-    out[5] = _share(heading_error, MAX_HEADING_ERROR)
+    out[0] = _scaled(speed, MAX_SPEED)
+    out[1] = _scaled(limit - speed, MAX_SPEED)
+    out[2] = _scaled(yaw_rate, MAX_YAW_RATE)
+    out[3] = _scaled(steering, min(STEERING_RANGE, setup[MAX_STEERING]))
+    out[4] = _scaled(lateral_offset, setup[LANE_WIDTH])
+    out[5] = _scaled(heading_error, MAX_HEADING_ERROR)
     for j in range(CURVATURES):
-        row = j * POINTS_APART
-        out[6 + j] = _share(curvature_ahead[row], MAX_CURVATURE) if row < rows else 0.0
+        point = j * POINTS_APART
+        out[6 + j] = _scaled(curvature_ahead[point], MAX_CURVATURE) if point < points else 0.0
 
 
 @njit()
 def controls_of(steering: float, pedal: float, setup: FloatArray) -> tuple[float, float, float]:
-    """(steering [rad], throttle, brake) of an action, whose values are cut to -1..1."""
+    """Return steering in rad, throttle and brake for an action.
+
+    Args:
+        steering, pedal: the action; values beyond -1..1 are cut.
+        setup: array that `setup_array` returns.
+    """
     steering = min(max(steering, -1.0), 1.0)
     pedal = min(max(pedal, -1.0), 1.0)
     angle = steering * min(STEERING_RANGE, setup[MAX_STEERING])
@@ -88,8 +113,15 @@ def controls_of(steering: float, pedal: float, setup: FloatArray) -> tuple[float
 
 
 def vector_of(observation: Observation, setup: FloatArray) -> npt.NDArray[np.float32]:
-    """Return the vector of an observation, (VECTOR_SIZE,); ``setup`` is `setup_array`."""
+    """Return the vector of an observation, (VECTOR_SIZE,).
+
+    Args:
+        observation: the observation.
+        setup: array that `setup_array` returns; its speed limit stands in for an observation's
+            that is not finite.
+    """
     o = observation
+    limit = o.speed_limit if math.isfinite(o.speed_limit) else setup[SPEED_LIMIT]
     vector = np.empty(VECTOR_SIZE, np.float32)
     write_vector(
         o.speed,
@@ -100,7 +132,7 @@ def vector_of(observation: Observation, setup: FloatArray) -> npt.NDArray[np.flo
         o.curvature_ahead,
         len(o.curvature_ahead),
         setup,
-        float(o.speed_limit if math.isfinite(o.speed_limit) else setup[SPEED_LIMIT]),
+        float(limit),
         vector,
     )
     return vector
@@ -110,19 +142,19 @@ class PolicyDriver:
     """A driver that asks a policy, such as one that was trained in `frenetic.plugins.gym`.
 
     Args:
-        policy: a function from a vector, (26,) float32 in -1..1, to an action, (2,): steering, then
-            throttle (above 0) or brake (below), in -1..1. It remembers nothing: the same vector
-            gives the same action. `write_vector` says what the vector holds.
+        policy: a function from a vector to an action, both as `frenetic.plugins.vision.policy`
+            describes them. It must not keep state: the same vector gives the same action.
     """
 
     BEHAVIOUR: ClassVar[int] = 1
-    """Raised when the same policy gets other controls; campaigns record it."""
+    """Version of the behaviour, which campaigns record: increase it when the same policy gets other
+    controls."""
 
     def __init__(self, policy: Callable[[npt.NDArray[np.float32]], npt.ArrayLike]) -> None:
         self.policy = policy
 
     def reset(self, setup: DriveSetup) -> None:
-        """Prepares for the next drive."""
+        """Prepare for the next drive."""
         self._setup = setup_array(setup)
 
     def act(self, observation: Observation) -> Controls:
