@@ -39,6 +39,11 @@ ROADS = [
 CAMERA = Camera(width=12, height=6)
 
 
+def always(action: Any) -> Callable[[Any], Any]:
+    """Return a policy that gives this action for each vector."""
+    return lambda _: action
+
+
 def keeps_lane(speed: float) -> Callable[[Vector], Vector]:
     """Return a policy that keeps its lane by curvature, offset and heading, at a speed in m/s."""
 
@@ -250,8 +255,10 @@ def test_invalid_steps_are_refused() -> None:
         env.step(np.array([0.0, np.nan], np.float32))
     with pytest.raises(ValueError, match="shape"):
         env.step(np.zeros(3, np.float32))
-    drive = EmbeddedSimulator().drive(ROADS[0], PolicyDriver(lambda _: [0.0, float("nan")]))
-    assert "two finite numbers" in str(drive.trouble)
+    unusable_actions: list[Any] = [[0.0, float("nan")], [0.0, [1.0, 2.0]], "left"]
+    for action in unusable_actions:
+        drive = EmbeddedSimulator().drive(ROADS[0], PolicyDriver(always(action)))
+        assert "two finite numbers" in str(drive.trouble)
     while not env.step(np.zeros(2, np.float32))[2]:
         pass
     with pytest.raises(gymnasium.error.ResetNeeded):

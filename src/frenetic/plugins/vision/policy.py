@@ -163,10 +163,14 @@ class PolicyDriver:
         Raises:
             DriverError: the action is not two finite numbers.
         """
-        action = np.asarray(self.policy(vector_of(observation, self._setup)), dtype=np.float64)
+        answer = self.policy(vector_of(observation, self._setup))
+        try:
+            action = np.asarray(answer, dtype=np.float64)
+        except (TypeError, ValueError):  # such as a text or lists of different lengths
+            action = np.empty(0)
         if action.shape != (ACTION_SIZE,) or not np.isfinite(action).all():
             raise DriverError(
-                f"the policy returned {repr(action)[:80]}: steering and pedal, two finite numbers,"
+                f"the policy returned {repr(answer)[:80]}: steering and pedal, two finite numbers,"
                 " are needed"
             )
         return Controls(*controls_of(action[0], action[1], self._setup))
