@@ -1,4 +1,4 @@
-"""A driver that sees nothing but its camera's picture: it follows the line at the lane's edge."""
+"""A driver that follows the line at its lane's right edge, by its camera's picture alone."""
 
 from __future__ import annotations
 
@@ -11,101 +11,127 @@ from frenetic._support.bounds import Positive, check
 from frenetic.drivers.camera import Camera, Image
 from frenetic.drivers.driver import Controls, DriveSetup, Observation
 
+# All constants are our choice; they suit the markings that `rendering.py` draws.
 NEAREST: Final = 4.0
-"""Distance ahead at which it begins to look for the line, in m."""
+"""Least distance ahead of the car at which the driver looks for the line, in m."""
 FARTHEST: Final = 25.0
-"""Distance ahead up to which it looks, in m."""
+"""Largest distance ahead of the car at which the driver looks for the line, in m."""
 CONTRAST: Final = 15.0
-"""Least contrast of a line with what is on both sides of it, of 255."""
+"""Least difference of brightness between a line and both its sides, of 255."""
 INSIDE: Final = 0.2
 """Distance of the line's middle from the lane's edge, in m."""
 
-_NEARBY = 0.8  # m within which the line goes on from one row of pixels to the next
-_WIDE = 0.25  # m beside the middle of a line, where there is none
+_MOST_DEVIATION = 0.8  # [m], of the line in a row of pixels from where it is expected
+_SIDE_DISTANCE = 0.25  # [m], from the middle of a line to the surface beside it
+_LEAST_POINTS = 3  # of the line, to steer by it
+_TARGET_DISTANCE = 5.0  # [m], to the point for which a car at rest steers
+_TARGET_TIME = 0.5  # [s]: this many seconds of driving are added to the target's distance
+_LOST_LINE_SPEED = 0.6  # share of the speed that is kept without a line
+_THROTTLE_GAIN = 0.4  # [s/m], throttle for each m/s that the car is too slow
+_BRAKE_GAIN = 0.3  # [s/m], brake for each m/s that the car is too fast
+_LEAST_CURVATURE = 1e-3  # [1/m], for the speed in a bend
 
 
 class MarkingFollower:
-    """Follows the line at the right edge of its lane, half a lane from it, by its camera alone.
+    """A driver that stays half a lane to the left of the line at its lane's right edge.
 
-    It looks for something brighter than what is left and right of it, row by row from the car on,
-    and steers for a point beside it (pure pursuit); its speed follows from how much it has to turn.
-    Of an observation it takes the picture and the speed. Where it loses the line it goes on as
-    before, slower.
+    In each row of pixels, from the car on, the driver looks for a spot that is brighter than both
+    its sides. It steers for a point half a lane beside the line (pure pursuit), and slows down for
+    bends. Without a line it keeps its steering and drives slower. It uses the picture, the speed
+    and the speed limit of an observation, nothing else.
 
     Args:
-        speed: km/h at which it drives straight on.
-        lateral: m/s^2, the lateral acceleration that it accepts.
+        speed: speed on a straight road, in km/h.
+        lateral: largest lateral acceleration in a bend, in m/s^2.
 
     Raises:
         ValueError: an option is not positive.
     """
 
     BEHAVIOUR: ClassVar[int] = 1
-    """Raised when it drives differently; campaigns record it."""
+    """Version of the behaviour, which campaigns record: increase it when the driver drives
+    differently."""
 
     def __init__(self, *, speed: Positive = 45.0, lateral: Positive = 2.5) -> None:
         check(locals(), MarkingFollower.__init__)
         self.camera = Camera()
         self.options = {"speed": float(speed), "lateral": float(lateral)}
+        # Where each pixel's ray meets the flat ground, in the car's frame.
         rays = self.camera.rays_through(*np.mgrid[0 : self.camera.height, 0 : self.camera.width])
-        reach = self.camera.up / np.maximum(-rays[..., 2], 1e-9)
-        self._ahead = rays[..., 0] * reach + self.camera.forward
-        self._left = rays[..., 1] * reach + self.camera.left
+        length = self.camera.up / np.maximum(-rays[..., 2], 1e-9)
+        self._ahead = rays[..., 0] * length + self.camera.forward
+        self._left = rays[..., 1] * length + self.camera.left
         middle = self._ahead[:, self.camera.width // 2]
-        self._rows = np.flatnonzero((middle > NEAREST) & (middle < FARTHEST))[::-1]
+        is_in_reach = (middle > NEAREST) & (middle < FARTHEST)
+        self._rows = np.flatnonzero(is_in_reach)[::-1]  # from the car on
 
     def reset(self, setup: DriveSetup) -> None:
-        """Forget the last drive."""
+        """Forget the last drive and prepare for the next."""
         self._setup = setup
         self._curvature = 0.0
-        self._line = INSIDE - 0.5 * setup.lane_width
+        self._line = INSIDE - 0.5 * setup.lane_width  # m to the left of the car
 
     def act(self, observation: Observation) -> Controls:
-        """Steer for a point beside the line."""
+        """Return controls that steer for a point half a lane beside the line."""
         assert observation.image is not None
         points = self._line_points(observation.image)
         limit = min(self.options["speed"] / 3.6, observation.speed_limit)
-        if len(points) >= 3:
+        if len(points) >= _LEAST_POINTS:
             self._line = points[0][1]
-            wanted = 5.0 + 0.5 * observation.speed
-            i = min(int(np.searchsorted([x for x, _ in points], wanted)), len(points) - 1)
-            (x0, y0), (x1, y1) = points[max(i - 2, 0)], points[i]
-            length = max(math.hypot(x1 - x0, y1 - y0), 1e-6)
-            beside = 0.5 * self._setup.lane_width - INSIDE
-            x, y = x1 - beside * (y1 - y0) / length, y1 + beside * (x1 - x0) / length
-            # From the rear axle, as pure pursuit has it.
-            x += self._setup.rear_axle
-            self._curvature = 2.0 * y / (x * x + y * y)
+            self._curvature = self._curvature_along(points, observation.speed)
         else:
-            limit *= 0.6
-        bend = math.sqrt(self.options["lateral"] / max(abs(self._curvature), 1e-3))
-        error = min(limit, bend) - observation.speed
+            limit *= _LOST_LINE_SPEED
+        curvature = max(abs(self._curvature), _LEAST_CURVATURE)
+        bend_speed = math.sqrt(self.options["lateral"] / curvature)
+        error = min(limit, bend_speed) - observation.speed
         return Controls(
             steering=math.atan(self._setup.wheelbase * self._curvature),
-            throttle=min(max(0.4 * error, 0.0), 1.0),
-            brake=min(max(-0.3 * error, 0.0), 1.0),
+            throttle=min(max(_THROTTLE_GAIN * error, 0.0), 1.0),
+            brake=min(max(-_BRAKE_GAIN * error, 0.0), 1.0),
         )
 
+    def _curvature_along(self, points: list[tuple[float, float]], speed: float) -> float:
+        """Return the curvature in 1/m of the arc to a point beside the line (pure pursuit).
+
+        Args:
+            points: points of the line, see `_line_points`.
+            speed: speed of the car, in m/s.
+        """
+        distance = _TARGET_DISTANCE + _TARGET_TIME * speed
+        target = min(int(np.searchsorted([x for x, _ in points], distance)), len(points) - 1)
+        (x0, y0), (x1, y1) = points[max(target - 2, 0)], points[target]
+        length = max(math.hypot(x1 - x0, y1 - y0), 1e-6)
+        beside = 0.5 * self._setup.lane_width - INSIDE
+        x, y = x1 - beside * (y1 - y0) / length, y1 + beside * (x1 - x0) / length
+        # Pure pursuit's arc begins at the rear axle, the points' frame at the centre of mass.
+        x += self._setup.rear_axle
+        return 2.0 * y / (x * x + y * y)
+
     def _line_points(self, image: Image) -> list[tuple[float, float]]:
-        """Points of the line from the car on: m ahead, m to the left."""
-        grey = image.min(axis=2).astype(np.float64)
+        """Return points of the line, from the car on: m ahead, m to the left.
+
+        In each row the point is the spot of the largest contrast near the place that the points
+        before let expect; a row without enough contrast has no point.
+        """
+        brightness = image.min(axis=2).astype(np.float64)  # low also for bright colours
         points: list[tuple[float, float]] = []
-        line, slope, last = self._line, 0.0, NEAREST
+        last_left, slope, last_ahead = self._line, 0.0, NEAREST
         for row in self._rows:
             left, ahead = self._left[row], float(self._ahead[row, 0])
-            gap = max(round(_WIDE / abs(left[0] - left[1])), 1)
-            values = grey[row]
+            side_pixels = max(round(_SIDE_DISTANCE / abs(left[0] - left[1])), 1)
+            values = brightness[row]
             contrast = np.zeros_like(values)
-            sides = np.maximum(values[: -2 * gap], values[2 * gap :])
-            contrast[gap:-gap] = values[gap:-gap] - sides
-            expected = line + slope * (ahead - last)
-            contrast[np.abs(left - expected) > _NEARBY] = 0.0
+            sides = np.maximum(values[: -2 * side_pixels], values[2 * side_pixels :])
+            contrast[side_pixels:-side_pixels] = values[side_pixels:-side_pixels] - sides
+            expected = last_left + slope * (ahead - last_ahead)
+            contrast[np.abs(left - expected) > _MOST_DEVIATION] = 0.0
             best = int(contrast.argmax())
             if contrast[best] < CONTRAST:
                 continue
-            nearest = float(left[best])
+            line_left = float(left[best])
             if points:
-                slope = 0.5 * (slope + (nearest - line) / max(ahead - last, 1e-6))
-            points.append((ahead, nearest))
-            line, last = nearest, ahead
+                # The mean with the slope before smooths the step from pixel to pixel.
+                slope = 0.5 * (slope + (line_left - last_left) / max(ahead - last_ahead, 1e-6))
+            points.append((ahead, line_left))
+            last_left, last_ahead = line_left, ahead
         return points
