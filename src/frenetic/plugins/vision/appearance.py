@@ -16,9 +16,8 @@ import numpy as np
 
 from frenetic._support.arrays import FloatArray
 from frenetic._support.bounds import Index, check
-from frenetic._support.compiled import njit
 from frenetic.conditions.condition import Condition
-from frenetic.drivers.camera import Camera, Scene
+from frenetic.drivers.camera import Scene
 from frenetic.drivers.driver import (
     Controls,
     Driver,
@@ -36,6 +35,7 @@ from frenetic.plugins.vision.conditions import (
     SCENE,
     WEAR,
 )
+from frenetic.plugins.vision.motion import ground_distances, picture_motion, smear
 
 if TYPE_CHECKING:
     import numpy.typing as npt
@@ -49,7 +49,6 @@ FOG_COLOUR: Final = (202.0, 206.0, 210.0)
 RAIN_COLOUR: Final = (214.0, 219.0, 226.0)
 """Colour of a streak of rain."""
 
-_TAPS = 7  # places that a blurred pixel is averaged over
 _BANK = 1 << 16  # different beginnings of the grain
 
 
@@ -144,7 +143,7 @@ class Foggy(CameraWrapper):
 
     def alter(self, image: Image, observation: Observation) -> Image:  # noqa: ARG002
         """Return the picture in fog."""
-        through = np.exp(-3.0 / self.amount * _distances(self._camera))[..., None]
+        through = np.exp(-3.0 / self.amount * ground_distances(self._camera))[..., None]
         return _picture(image * through + (1.0 - through) * FOG_COLOUR)
 
 
@@ -214,13 +213,13 @@ class Blurred(CameraWrapper):
     def __init__(self, driver: Driver, amount: float) -> None:
         super().__init__(driver, amount)
         # Compiles the kernel, which is not on the driver's time.
-        _smear(np.zeros((1, 1, 3), np.uint8), np.zeros((1, 1, 2)), np.zeros((1, 1, 3), np.uint8))
+        smear(np.zeros((1, 1, 3), np.uint8), np.zeros((1, 1, 2)), np.zeros((1, 1, 3), np.uint8))
 
     def alter(self, image: Image, observation: Observation) -> Image:
         """Return the blurred picture."""
-        ways = _flow(self._camera, observation.speed, observation.yaw_rate) * self.amount
+        ways = picture_motion(self._camera, observation.speed, observation.yaw_rate) * self.amount
         blurred: Image = np.empty_like(image)
-        _smear(image, ways, blurred)
+        smear(image, ways, blurred)
         return blurred
 
 
@@ -273,72 +272,6 @@ def _of_moment(seed: int, observation: Observation) -> np.random.Generator:
 @lru_cache(maxsize=4)
 def _grain(seed: int, size: int) -> npt.NDArray[np.float32]:
     return np.random.default_rng(seed).standard_normal(size, dtype=np.float32)
-
-
-@lru_cache(maxsize=8)
-def _distances(camera: Camera) -> FloatArray:
-    """Distance to the flat ground along each pixel's ray, (height, width) in m; inf in the sky."""
-    rays = camera.rays_through(*np.mgrid[0 : camera.height, 0 : camera.width])
-    with np.errstate(divide="ignore"):
-        distances: FloatArray = np.where(rays[..., 2] < 0.0, camera.up / -rays[..., 2], np.inf)
-    return distances
-
-
-@lru_cache(maxsize=8)
-def _flows(camera: Camera) -> tuple[FloatArray, FloatArray]:
-    """Ways of what each pixel sees, (2, height, width, 2): columns and rows per m and per rad.
-
-    The first for driving a metre straight on, the second for turning a radian to the left, both
-    about the centre of mass.
-    """
-    rows, columns = np.mgrid[0 : camera.height, 0 : camera.width].astype(float)
-    rays = camera.rays_through(rows, columns)
-    # Seen in the sky is what is very far away.
-    far = np.minimum(_distances(camera), 1e4)
-    points = rays * far[..., None] + (camera.forward, camera.left, 0.0)
-
-    def rate(velocity: FloatArray) -> FloatArray:
-        """Columns and rows per unit for points with this velocity in the car's frame."""
-        across = camera.rays_through(rows, columns + 0.5) - camera.rays_through(rows, columns - 0.5)
-        down = camera.rays_through(rows + 0.5, columns) - camera.rays_through(rows - 0.5, columns)
-        moved = velocity / far[..., None]
-        moved = moved - (moved * rays).sum(-1, keepdims=True) * rays
-        # Least squares in the plane across the ray.
-        aa, bb, ab = (across**2).sum(-1), (down**2).sum(-1), (across * down).sum(-1)
-        am, bm = (across * moved).sum(-1), (down * moved).sum(-1)
-        whole = aa * bb - ab * ab
-        return np.stack([(bb * am - ab * bm) / whole, (aa * bm - ab * am) / whole], axis=-1)
-
-    straight = rate(np.broadcast_to([-1.0, 0.0, 0.0], points.shape))
-    still = np.zeros_like(points[..., 0])
-    turning = rate(np.stack([points[..., 1], -points[..., 0], still], axis=-1))
-    return straight, turning
-
-
-def _flow(camera: Camera, speed: float, yaw_rate: float) -> FloatArray:
-    """Ways of what each pixel sees in a second, (height, width, 2): columns and rows."""
-    straight, turning = _flows(camera)
-    flow: FloatArray = speed * straight + yaw_rate * turning
-    return flow
-
-
-@njit()
-def _smear(image: Image, ways: FloatArray, out: Image) -> None:
-    """Write the mean along ``ways``, (height, width, 2), that end at each pixel."""
-    height, width = image.shape[0], image.shape[1]
-    for v in range(height):
-        for u in range(width):
-            red = green = blue = 0
-            for k in range(_TAPS):
-                back = k / (_TAPS - 1)
-                i = min(max(int(v - back * ways[v, u, 1] + 0.5), 0), height - 1)
-                j = min(max(int(u - back * ways[v, u, 0] + 0.5), 0), width - 1)
-                red += image[i, j, 0]
-                green += image[i, j, 1]
-                blue += image[i, j, 2]
-            out[v, u, 0] = (red + _TAPS // 2) // _TAPS
-            out[v, u, 1] = (green + _TAPS // 2) // _TAPS
-            out[v, u, 2] = (blue + _TAPS // 2) // _TAPS
 
 
 ALL: Final[dict[str, type[CameraWrapper]]] = {row.name: row.wrapper_class() for row in CONDITIONS}
