@@ -1,8 +1,7 @@
 """Wrappers over a driver with a camera: scenery, worn markings, fog, rain, blur, light and grain.
 
-Scenery and wear say what is drawn, which only the embedded simulator does. The others
-change the picture of any simulator: each is a function of the picture, the camera and the
-observation, on the assumption that the ground is flat.
+Scenery and wear change the scene that is drawn, which only the embedded simulator can do. The
+other wrappers change the finished picture of any simulator. They assume that the ground is flat.
 """
 
 from __future__ import annotations
@@ -43,13 +42,19 @@ if TYPE_CHECKING:
     from frenetic.drivers.camera import Image
 
 GAMMA: Final = 2.2
-"""Exponent that takes a value of a picture, from 0 to 1, to light."""
+"""Exponent that turns a pixel's value, as a share of 255, into light; usual for screens."""
 FOG_COLOUR: Final = (202.0, 206.0, 210.0)
-"""Colour of fog without anything in it."""
+"""Colour of thick fog, RGB; our choice."""
 RAIN_COLOUR: Final = (214.0, 219.0, 226.0)
-"""Colour of a streak of rain."""
+"""Colour of a streak of rain, RGB; our choice."""
 
-_BANK = 1 << 16  # different beginnings of the grain
+# Our choice, by eye.
+_STREAKS = 2.0  # for each mm/h on as many pixels as follow
+_STREAK_PIXELS = 160.0 * 80.0
+_STREAK_HEIGHT = 7.0  # the longest streak is this fraction of the picture's height
+_SHORTEST_STREAK = 2.0  # [pixels], least length of the longest streak
+
+_GRAIN_STARTS = 1 << 16  # places in the stored noise at which a picture's grain may begin
 
 
 class CameraWrapper(OwnWrapper):
@@ -63,8 +68,9 @@ class CameraWrapper(OwnWrapper):
     """
 
     condition: ClassVar[Condition]
-    name: ClassVar[str]
-    """Name of its amount."""
+    """Condition whose amount the wrapper has."""
+    amount_name: ClassVar[str]
+    """Name of the amount among the wrapper's options."""
 
     def __init__(self, driver: Driver, amount: float) -> None:
         camera = camera_of(driver)
@@ -79,13 +85,13 @@ class CameraWrapper(OwnWrapper):
 
     @classmethod
     def over(cls, driver: Driver, amount: float, **seed: int) -> Self:
-        """A driver under this wrapper; a random one takes a seed."""
+        """Return a driver under this wrapper; only a wrapper with noise takes a ``seed``."""
         return cls(driver, amount, **seed)
 
     @property
     def options(self) -> dict[str, float]:
         """Options of the wrapper."""
-        return {self.name: self.amount}
+        return {self.amount_name: self.amount}
 
     def act(self, observation: Observation) -> Controls:
         """Return the driver's controls for what its camera sees now."""
@@ -96,22 +102,24 @@ class CameraWrapper(OwnWrapper):
         return self.driver.act(observation)
 
     def alter(self, image: Image, observation: Observation) -> Image:  # noqa: ARG002
-        """Return what the camera sees instead of a picture."""
+        """Return the picture that the driver sees in place of the camera's picture."""
         return image
 
 
 class Elsewhere(CameraWrapper):
-    """A driver in another place: other asphalt, land, sky and sun, drawn from a seed.
+    """A driver in other scenery: asphalt, land, sky and sun are drawn from a seed.
 
     Args:
         driver: the driver underneath.
-        amount: the seed, rounded down; 0 is the usual scene.
+        amount: the seed; a fraction is cut off. 0 is the usual scenery.
     """
 
-    condition, name, place = SCENE, "seed", 3
+    condition = SCENE
+    amount_name = "seed"
+    place = 3
 
     def in_scene(self, scene: Scene) -> Scene:
-        """Return the scene with another seed."""
+        """Return the scene with this wrapper's seed."""
         return replace(scene, seed=int(self.amount))
 
 
@@ -123,7 +131,9 @@ class Worn(CameraWrapper):
         amount: share of the paint that is gone, 0..1.
     """
 
-    condition, name, place = WEAR, "share", 4
+    condition = WEAR
+    amount_name = "share"
+    place = 4
 
     def in_scene(self, scene: Scene) -> Scene:
         """Return the scene with worn markings."""
@@ -131,29 +141,31 @@ class Worn(CameraWrapper):
 
 
 class Foggy(CameraWrapper):
-    """A driver in fog. Light from a distance x comes through to exp(-3 x / visibility).
+    """A driver in fog: the share exp(-3 x / visibility) of the light from a distance x is left.
 
     Args:
         driver: the driver underneath.
-        amount: the visibility in m: the meteorological optical range, at which a twentieth of the
-            contrast is left.
+        amount: the visibility in m, at which a twentieth of the contrast is left (the
+            meteorological optical range).
     """
 
-    condition, name, place = FOG, "visibility", 5
+    condition = FOG
+    amount_name = "visibility"
+    place = 5
 
     def alter(self, image: Image, observation: Observation) -> Image:  # noqa: ARG002
         """Return the picture in fog."""
-        through = np.exp(-3.0 / self.amount * ground_distances(self._camera))[..., None]
-        return _picture(image * through + (1.0 - through) * FOG_COLOUR)
+        light_left = np.exp(-3.0 / self.amount * ground_distances(self._camera))[..., None]
+        return _rounded(image * light_left + (1.0 - light_left) * FOG_COLOUR)
 
 
 class _SeededWrapper(CameraWrapper):
-    """A wrapper with chance in it.
+    """A wrapper that draws random numbers.
 
     Args:
         driver: the driver underneath.
-        amount: amount of the wrapper.
-        seed: seed of the wrapper's random numbers, from 0.
+        amount: amount of the wrapper's condition.
+        seed: seed of the random numbers, at least 0.
     """
 
     def __init__(self, driver: Driver, amount: float, *, seed: Index = 0) -> None:
@@ -168,75 +180,84 @@ class _SeededWrapper(CameraWrapper):
 
 
 class Rainy(_SeededWrapper):
-    """A driver that sees streaks of rain; each picture has its own.
+    """A driver that sees streaks of rain, new ones in each picture.
 
-    On 160 x 80 pixels there are about 2 streaks for each mm/h, up to a seventh of the height long.
+    160 x 80 pixels have 2 streaks on average for each mm/h. The longest are a seventh of the
+    picture's height.
 
     Args:
         driver: the driver underneath.
         amount: rate of the rain, in mm/h.
-        seed: of the streaks, from 0.
+        seed: seed of the streaks, at least 0.
     """
 
-    condition, name, place = RAIN, "rate", 6
+    condition = RAIN
+    amount_name = "rate"
+    place = 6
 
     def alter(self, image: Image, observation: Observation) -> Image:
         """Return the picture with streaks."""
         height, width, _ = image.shape
-        rng = _of_moment(self.seed, observation)
-        number = rng.poisson(2.0 * self.amount * height * width / (160.0 * 80.0))
-        u, v, length, slant, strength = rng.random((5, number, 1))
-        longest = max(height / 7.0, 2.0)
+        rng = _generator_at(self.seed, observation.time)
+        count = rng.poisson(_STREAKS * self.amount * height * width / _STREAK_PIXELS)
+        u, v, length, slant, strength = rng.random((5, count, 1))  # all in 0..1
+        longest = max(height / _STREAK_HEIGHT, _SHORTEST_STREAK)
+        # A row of these arrays is a streak, a column is one of its pixels from the top on.
         along = np.arange(math.ceil(longest))
         rows = (v * (height + longest) - longest + along).astype(np.int64)
         columns = np.floor(u * width + (slant - 0.5) * 0.5 * along).astype(np.int64)
         is_seen = (along < longest * (0.4 + 0.6 * length)) & (rows >= 0) & (rows < height)
         is_seen &= (columns >= 0) & (columns < width)
-        opaque = np.zeros((height, width))
+        opacity = np.zeros((height, width))
         shares = np.broadcast_to(0.2 + 0.3 * strength, rows.shape)
-        np.maximum.at(opaque, (rows[is_seen], columns[is_seen]), shares[is_seen])
-        return _picture(image + opaque[..., None] * (np.array(RAIN_COLOUR) - image))
+        # Where streaks cross, the more opaque one counts.
+        np.maximum.at(opacity, (rows[is_seen], columns[is_seen]), shares[is_seen])
+        return _rounded(image + opacity[..., None] * (np.array(RAIN_COLOUR) - image))
 
 
 class Blurred(CameraWrapper):
-    """A driver whose camera takes time for a picture, while the car drives and turns.
+    """A driver whose camera exposes a picture for some time, while the car drives and turns.
 
-    Each pixel is the mean along the way of what it sees, with the speed and yaw rate of now.
+    Each pixel is the mean of what it saw during the exposure, at the present speed and yaw rate.
 
     Args:
         driver: the driver underneath.
-        amount: the time of exposure, in s.
+        amount: the exposure time, in s.
     """
 
-    condition, name, place = BLUR, "exposure", 7
+    condition = BLUR
+    amount_name = "exposure"
+    place = 7
 
     def __init__(self, driver: Driver, amount: float) -> None:
         super().__init__(driver, amount)
-        # Compiles the kernel, which is not on the driver's time.
+        # Compile the kernel now: later the time would count as the driver's.
         smear(np.zeros((1, 1, 3), np.uint8), np.zeros((1, 1, 2)), np.zeros((1, 1, 3), np.uint8))
 
     def alter(self, image: Image, observation: Observation) -> Image:
         """Return the blurred picture."""
-        ways = picture_motion(self._camera, observation.speed, observation.yaw_rate) * self.amount
+        per_second = picture_motion(self._camera, observation.speed, observation.yaw_rate)
         blurred: Image = np.empty_like(image)
-        smear(image, ways, blurred)
+        smear(image, per_second * self.amount, blurred)
         return blurred
 
 
 class Lit(CameraWrapper):
-    """A driver in more or less light than a camera with a fixed exposure is set for.
+    """A driver in more or less light than its camera, whose exposure is fixed, is set for.
 
     Args:
         driver: the driver underneath.
-        amount: factor of the light, 1 is the usual; bright colours saturate above.
+        amount: factor of the light; above 1, bright colours are cut at 255.
     """
 
-    condition, name, place = LIGHT, "factor", 8
+    condition = LIGHT
+    amount_name = "factor"
+    place = 8
 
     def alter(self, image: Image, observation: Observation) -> Image:  # noqa: ARG002
         """Return the picture in this light."""
-        values = np.arange(256) * self.amount ** (1.0 / GAMMA)
-        lit: Image = _picture(values)[image]
+        brightened = np.arange(256) * self.amount ** (1.0 / GAMMA)
+        lit: Image = _rounded(brightened)[image]
         return lit
 
 
@@ -245,34 +266,41 @@ class Grainy(_SeededWrapper):
 
     Args:
         driver: the driver underneath.
-        amount: standard deviation of the noise, of the values 0 to 255.
-        seed: of the noise, from 0.
+        amount: standard deviation of the noise, where a pixel's values are 0 to 255.
+        seed: seed of the noise, at least 0.
     """
 
-    condition, name, place = GRAIN, "deviation", 9
+    condition = GRAIN
+    amount_name = "deviation"
+    place = 9
 
     def alter(self, image: Image, observation: Observation) -> Image:
         """Return the picture with noise."""
-        start = int(_of_moment(self.seed, observation).integers(_BANK))
-        grain = _grain(self.seed, _BANK + image.size)[start : start + image.size]
-        return _picture(image + self.amount * grain.reshape(image.shape))
+        # Each picture takes another piece of one long noise: drawing new noise takes longer.
+        rng = _generator_at(self.seed, observation.time)
+        start = int(rng.integers(_GRAIN_STARTS))
+        grain = _noise(self.seed, _GRAIN_STARTS + image.size)[start : start + image.size]
+        return _rounded(image + self.amount * grain.reshape(image.shape))
 
 
-def _picture(values: FloatArray | npt.NDArray[np.float32]) -> Image:
-    """Colours as a picture."""
+def _rounded(values: FloatArray | npt.NDArray[np.float32]) -> Image:
+    """Return colours rounded to whole numbers and cut to 0..255."""
     picture: Image = np.clip(values + 0.5, 0.0, 255.0).astype(np.uint8)
     return picture
 
 
-def _of_moment(seed: int, observation: Observation) -> np.random.Generator:
-    """Random numbers that belong to a seed and a time, to a millisecond."""
-    return np.random.default_rng([seed, round(1e3 * observation.time)])
+def _generator_at(seed: int, time: float) -> np.random.Generator:
+    """Return the generator of a seed and a time in s, which is rounded to milliseconds."""
+    return np.random.default_rng([seed, round(1e3 * time)])
 
 
 @lru_cache(maxsize=4)
-def _grain(seed: int, size: int) -> npt.NDArray[np.float32]:
+def _noise(seed: int, size: int) -> npt.NDArray[np.float32]:
+    """Return numbers of the standard normal distribution, (size,)."""
     return np.random.default_rng(seed).standard_normal(size, dtype=np.float32)
 
 
-ALL: Final[dict[str, type[CameraWrapper]]] = {row.name: row.wrapper_class() for row in CONDITIONS}
-"""Name of a condition -> its wrapper."""
+ALL: Final[dict[str, type[CameraWrapper]]] = {
+    condition.name: condition.wrapper_class() for condition in CONDITIONS
+}
+"""Name of a condition -> class of its wrapper."""

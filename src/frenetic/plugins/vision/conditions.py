@@ -1,6 +1,7 @@
 """The conditions that change what a driver's camera sees.
 
-`frenetic.plugins.vision.appearance` lays them over each other, from the world to the sensor.
+`frenetic.plugins.vision.appearance` has their wrappers. The conditions are in the order in which a
+picture is made: the world first, the camera's sensor last. The ranges are our choice.
 """
 
 from __future__ import annotations
@@ -10,7 +11,7 @@ from typing import Final
 
 from frenetic.conditions.condition import FARTHEST, Condition
 
-_WRAPPERS: Final = "frenetic.plugins.vision.appearance"
+_MODULE: Final = "frenetic.plugins.vision.appearance"
 
 SCENE: Final = Condition(
     name="scene",
@@ -19,7 +20,7 @@ SCENE: Final = Condition(
     high=1e6,
     usual=(0.0, 1000.0),
     nothing=0.0,
-    wrapper=f"{_WRAPPERS}:Elsewhere",
+    wrapper=f"{_MODULE}:Elsewhere",
     needs_camera=True,
     words=("a scene of a lower seed", "a scene of a higher seed"),
 )
@@ -30,7 +31,7 @@ WEAR: Final = Condition(
     high=1.0,
     usual=(0.0, 0.8),
     nothing=0.0,
-    wrapper=f"{_WRAPPERS}:Worn",
+    wrapper=f"{_MODULE}:Worn",
     needs_camera=True,
 )
 FOG: Final = Condition(
@@ -41,7 +42,7 @@ FOG: Final = Condition(
     high=FARTHEST,
     usual=(30.0, 300.0),
     nothing=math.inf,
-    wrapper=f"{_WRAPPERS}:Foggy",
+    wrapper=f"{_MODULE}:Foggy",
     needs_camera=True,
     words=("thicker fog", "thinner fog"),
 )
@@ -53,7 +54,7 @@ RAIN: Final = Condition(
     high=200.0,
     usual=(0.0, 20.0),
     nothing=0.0,
-    wrapper=f"{_WRAPPERS}:Rainy",
+    wrapper=f"{_MODULE}:Rainy",
     needs_camera=True,
     is_seeded=True,
 )
@@ -65,7 +66,7 @@ BLUR: Final = Condition(
     high=0.5,
     usual=(0.0, 0.05),
     nothing=0.0,
-    wrapper=f"{_WRAPPERS}:Blurred",
+    wrapper=f"{_MODULE}:Blurred",
     needs_camera=True,
 )
 LIGHT: Final = Condition(
@@ -75,7 +76,7 @@ LIGHT: Final = Condition(
     high=10.0,
     usual=(0.4, 1.6),
     nothing=1.0,
-    wrapper=f"{_WRAPPERS}:Lit",
+    wrapper=f"{_MODULE}:Lit",
     needs_camera=True,
 )
 GRAIN: Final = Condition(
@@ -85,7 +86,7 @@ GRAIN: Final = Condition(
     high=128.0,
     usual=(0.0, 20.0),
     nothing=0.0,
-    wrapper=f"{_WRAPPERS}:Grainy",
+    wrapper=f"{_MODULE}:Grainy",
     needs_camera=True,
     is_seeded=True,
 )

@@ -126,7 +126,7 @@ def _eye(config: Mapping[str, JSONValue]) -> _Eye | None:
         kind = kinds.get(str(wrapper.get("class")))
         if kind is not None:
             options = dict(wrapper.get("options", {}))
-            amount = options.pop(kind.name)
+            amount = options.pop(kind.amount_name)
             eye.wrapped = kind(eye.wrapped, amount, **options)
     return eye
 
