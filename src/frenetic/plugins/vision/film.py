@@ -1,11 +1,14 @@
-"""What a driver's camera saw, drawn again from the stored drive: nothing of it is stored."""
+"""Film of a drive for the report: the pictures of the driver's camera.
+
+A campaign stores no pictures, so they are drawn again from the stored trajectory.
+"""
 
 from __future__ import annotations
 
 import base64
 import io
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Final
 
 import numpy as np
@@ -25,83 +28,106 @@ from frenetic.plugins.vision.rendering import CameraRenderer
 from frenetic.report.html.tests import Film
 from frenetic.simulators.embedded import EmbeddedSimulator
 
+# Our choice.
 MOST_PICTURES: Final = 48
-"""Pictures of a drive, at most."""
+"""Largest number of pictures of a drive."""
 COLUMNS: Final = 8
-"""Pictures beside each other."""
+"""Number of pictures beside each other in a film's sheet."""
 LARGEST: Final = 320
-"""Width of the widest picture; larger ones are shrunk."""
-_QUALITY = 70  # of JPEG
+"""Largest width of a picture, in pixels; wider ones are shrunk."""
+_JPEG_QUALITY = 70  # of 100
 
 
 def camera_film(config: Mapping[str, JSONValue]) -> Callable[[Test], Film | None]:
-    """Return what the camera of a campaign's driver saw in a test, drawn again.
+    """Return a function that returns the film of a test, read with its trajectory.
 
-    None for a driver without a camera, in another simulator than the embedded one, or if the
-    campaign's record does not say what camera it was. A test is read with its trajectory.
+    The function returns None if the driver has no camera, if another simulator than the embedded
+    one drove, or if the campaign's record does not describe the camera.
+
+    Args:
+        config: the campaign's record.
     """
-    eye = _eye(config)
+    witness = _witness(config)
 
-    def saw(record: Test) -> Film | None:
-        if eye is None or record.drive is None or len(record.drive.trajectory) < 2:
+    def film_of(test: Test) -> Film | None:
+        if witness is None or test.drive is None or len(test.drive.trajectory) < 2:
             return None
-        path, road = record.drive.trajectory, record.road
-        wrapped = _in_conditions(eye, record)
-        renderer = CameraRenderer(road, eye.camera, scene_of(wrapped))
-        critical = _critical(record, path)
-        taken = evenly(len(path), MOST_PICTURES)
-        taken = np.unique(np.append(taken[: MOST_PICTURES - 1], critical))
-        small = [_shrunk(eye.picture(wrapped, renderer, path, int(i))) for i in taken]
-        height, width, _ = small[0].shape
-        rows = math.ceil(len(small) / COLUMNS)
-        sheet = np.zeros((rows * height, COLUMNS * width, 3), dtype=np.uint8)
-        for k, image in enumerate(small):
-            v, u = divmod(k, COLUMNS)
-            sheet[v * height : (v + 1) * height, u * width : (u + 1) * width] = image
-        start = float(path.time[0])
+        trajectory = test.drive.trajectory
+        driver = _in_conditions(witness, test)
+        renderer = CameraRenderer(test.road, witness.camera, scene_of(driver))
+        records = evenly(len(trajectory), MOST_PICTURES)
+        # The critical record is shown, too, without exceeding the number of pictures.
+        records = np.unique(
+            np.append(records[: MOST_PICTURES - 1], _critical_record(test, trajectory))
+        )
+        pictures = [_shrunk(witness.picture(driver, renderer, trajectory, int(i))) for i in records]
+        height, width, _ = pictures[0].shape
+        start = float(trajectory.time[0])
         return Film(
-            pictures=_data_url(sheet),
+            pictures=_data_url(_sheet(pictures)),
             columns=COLUMNS,
             width=width,
             height=height,
-            times=tuple(round(float(path.time[i]) - start, 2) for i in taken),
+            times=tuple(round(float(trajectory.time[i]) - start, 2) for i in records),
             caption="What the camera sees, drawn again",
         )
 
-    return saw
+    return film_of
 
 
-class _Eye:
-    """A driver that only looks, under the wrappers of another one."""
+class _Witness:
+    """A driver that only keeps the picture that it is shown.
+
+    In place of a campaign's driver, under the same wrappers, it gets the pictures that the driver
+    got.
+
+    Args:
+        camera: camera of the campaign's driver.
+    """
 
     def __init__(self, camera: Camera) -> None:
         self.camera = camera
         self.wrapped: Driver = self
-        self.image: Image | None = None
+        """The witness under the campaign's wrappers."""
+        self._image: Image | None = None
 
     def reset(self, setup: DriveSetup) -> None:
-        """Nothing to forget."""
+        """Do nothing: each picture replaces the one before."""
 
     def act(self, observation: Observation) -> Controls:
         """Keep the picture."""
-        self.image = observation.image
+        self._image = observation.image
         return Controls(0.0)
 
-    def picture(self, wrapped: Driver, renderer: CameraRenderer, path: Trajectory, i: int) -> Image:
-        """Return the picture at a record of a drive, under wrappers."""
-        picture = renderer.draw(float(path.x[i]), float(path.y[i]), float(path.heading[i]))
-        wrapped.act(observation_at(path, i, picture))
-        assert self.image is not None
-        return self.image
+    def picture(
+        self, driver: Driver, renderer: CameraRenderer, trajectory: Trajectory, i: int
+    ) -> Image:
+        """Return the picture at record ``i`` of a drive.
+
+        Args:
+            driver: the witness under all wrappers of the drive.
+            renderer: renderer of the drive's road and scene.
+            trajectory: trajectory of the drive.
+            i: index of the record.
+        """
+        drawn = renderer.draw(
+            float(trajectory.x[i]), float(trajectory.y[i]), float(trajectory.heading[i])
+        )
+        driver.act(_observation_at(trajectory, i, drawn))
+        assert self._image is not None
+        return self._image
 
 
-def observation_at(path: Trajectory, i: int, image: Image) -> Observation:
-    """Return the picture and the car's own motion at a record; the road is not looked at again."""
+def _observation_at(trajectory: Trajectory, i: int, image: Image) -> Observation:
+    """Return an observation with a picture and the car's motion at record ``i`` of a drive.
+
+    Wrappers of a camera need nothing else, so all about the lane is 0.
+    """
     return Observation(
-        time=float(path.time[i]),
-        speed=float(path.speed[i]),
-        yaw_rate=float(path.yaw_rate[i]),
-        steering=float(path.steering[i]),
+        time=float(trajectory.time[i]),
+        speed=float(trajectory.speed[i]),
+        yaw_rate=float(trajectory.yaw_rate[i]),
+        steering=float(trajectory.steering[i]),
         lateral_offset=0.0,
         heading_error=0.0,
         ahead=np.zeros((1, 2)),
@@ -110,8 +136,11 @@ def observation_at(path: Trajectory, i: int, image: Image) -> Observation:
     )
 
 
-def _eye(config: Mapping[str, JSONValue]) -> _Eye | None:
-    """Return the camera and the wrappers of a campaign's record."""
+def _witness(config: Mapping[str, JSONValue]) -> _Witness | None:
+    """Return a witness in place of the driver of a campaign's record; None where there is no film.
+
+    Of the wrappers over the driver, it gets the ones that change the picture.
+    """
     simulator: Any = config.get("simulator")
     embedded = f"{EmbeddedSimulator.__module__}:{EmbeddedSimulator.__qualname__}"
     if not isinstance(simulator, Mapping) or simulator.get("class") != embedded:
@@ -121,39 +150,45 @@ def _eye(config: Mapping[str, JSONValue]) -> _Eye | None:
     if not isinstance(camera, Mapping):
         return None
     kinds = {f"{kind.__module__}:{kind.__qualname__}": kind for kind in appearance.ALL.values()}
-    eye = _Eye(Camera(**camera))
+    witness = _Witness(Camera(**camera))
     for wrapper in reversed(wrappers):
         kind = kinds.get(str(wrapper.get("class")))
         if kind is not None:
             options = dict(wrapper.get("options", {}))
             amount = options.pop(kind.amount_name)
-            eye.wrapped = kind(eye.wrapped, amount, **options)
-    return eye
+            witness.wrapped = kind(witness.wrapped, amount, **options)
+    return witness
 
 
-def _in_conditions(eye: _Eye, record: Test) -> Driver:
-    """Return the wrapped eye in the conditions of a test, as far as the camera sees these."""
-    conditions_of_drive = record.candidate.conditions
-    conditions = (
-        conditions_of_drive
-        if record.setting is None
-        else record.setting.conditions_of(conditions_of_drive)
-    )
-    visible = {n: amount for n, amount in conditions.items() if n == SEED or n in appearance.ALL}
-    return under(visible, eye.wrapped)
+def _in_conditions(witness: _Witness, test: Test) -> Driver:
+    """Return the wrapped witness, also under the wrappers of the test's visible conditions."""
+    conditions = test.candidate.conditions
+    if test.setting is not None:
+        conditions = test.setting.conditions_of(conditions)
+    visible = {
+        name: amount
+        for name, amount in conditions.items()
+        if name == SEED or name in appearance.ALL
+    }
+    return under(visible, witness.wrapped)
 
 
-def _critical(record: Test, path: Trajectory) -> int:
-    """Record of the moment that matters: of the departure, or of the worst place, or the last."""
-    if record.departure is not None:
-        return min(int(np.searchsorted(path.time, record.departure.time)), len(path) - 1)
-    if record.result.moobd_distance is not None:
-        along = record.road.track(np.column_stack([path.x, path.y]))[:, 0]
-        return int(np.argmin(np.abs(along - record.result.moobd_distance)))
-    return len(path) - 1
+def _critical_record(test: Test, trajectory: Trajectory) -> int:
+    """Return the index of the record that a viewer wants to see.
+
+    It is the record at the departure from the lane, else at the MOOBD, else the last.
+    """
+    last = len(trajectory) - 1
+    if test.departure is not None:
+        return min(int(np.searchsorted(trajectory.time, test.departure.time)), last)
+    if test.result.moobd_distance is not None:
+        along = test.road.track(np.column_stack([trajectory.x, trajectory.y]))[:, 0]
+        return int(np.argmin(np.abs(along - test.result.moobd_distance)))
+    return last
 
 
 def _shrunk(image: Image) -> Image:
+    """Return the picture, at most `LARGEST` pixels wide."""
     height, width, _ = image.shape
     if width <= LARGEST:
         return image
@@ -161,7 +196,20 @@ def _shrunk(image: Image) -> Image:
     return np.asarray(Pictures.fromarray(image).resize(size, Pictures.Resampling.BOX))
 
 
+def _sheet(pictures: Sequence[Image]) -> Image:
+    """Return pictures of one size as one image, row by row, `COLUMNS` beside each other."""
+    height, width, _ = pictures[0].shape
+    rows = math.ceil(len(pictures) / COLUMNS)
+    sheet: Image = np.zeros((rows * height, COLUMNS * width, 3), dtype=np.uint8)
+    for k, picture in enumerate(pictures):
+        row, column = divmod(k, COLUMNS)
+        top, left = row * height, column * width
+        sheet[top : top + height, left : left + width] = picture
+    return sheet
+
+
 def _data_url(image: Image) -> str:
+    """Return the image as a data URL of a JPEG."""
     file = io.BytesIO()
-    Pictures.fromarray(image).save(file, "JPEG", quality=_QUALITY, optimize=True)
+    Pictures.fromarray(image).save(file, "JPEG", quality=_JPEG_QUALITY, optimize=True)
     return "data:image/jpeg;base64," + base64.b64encode(file.getvalue()).decode()
