@@ -279,7 +279,7 @@ class Teacher:
             self.network.parameters(), lr=LEARNING_RATE, weight_decay=1e-4
         )
         self._generator = torch.Generator().manual_seed(seed)
-        weights, constants = convention.from_pixels()
+        weights, constants = convention.channel_map()
         self._weights = torch.from_numpy(weights).to(device)
         self._constants = torch.from_numpy(constants).to(device)
 
