@@ -20,8 +20,8 @@ from frenetic.plugins.vision.drawn_road import (
     LENGTH_BEFORE,
     SHOULDER_WIDTH,
     Spot,
-    lay_drawn_road,
     locate,
+    make_drawn_road,
 )
 from frenetic.plugins.vision.ground_colour import (
     GRAIN_TEXEL,
@@ -387,7 +387,7 @@ class CameraRenderer:
         self._wear = scene.wear
         colours, contrasts, fine, coarse, sky = scenery_of(scene.seed)
         self._scenery = (colours, contrasts, fine, coarse, sky)
-        rows, cells_per_metre, keys, nearest = lay_drawn_road(road)
+        rows, cells_per_metre, keys, nearest = make_drawn_road(road)
         self._road = (rows, cells_per_metre, keys, nearest)
         self._lane_width = road.lane_width
 

@@ -98,10 +98,10 @@ class ImageInput(NamedTuple):
         Raises:
             ValueError: the shape does not fit images of the convention.
         """
-        colours, text, frames = convention.channels, shown_shape(shape), convention.frames
-        is_batch = shape[:1] in ((1,), (None,))
-        has_frame_axis = len(shape) == 5 or (not is_batch and shape[:1] == (frames,))
-        if len(shape) not in (4, 5) or not (is_batch or (has_frame_axis and len(shape) == 4)):
+        image_channels, text, frames = convention.channels, shown_shape(shape), convention.frames
+        has_batch_axis = shape[:1] in ((1,), (None,))
+        has_frame_axis = len(shape) == 5 or (not has_batch_axis and shape[:1] == (frames,))
+        if len(shape) not in (4, 5) or not (has_batch_axis or (has_frame_axis and len(shape) == 4)):
             raise ValueError(
                 f"its input has the shape {text}: one image is needed, (1, channels, height, width)"
                 " or (1, height, width, channels), or frames of it, (1, frames, ...)"
@@ -110,15 +110,16 @@ class ImageInput(NamedTuple):
         is_nchw = layout == "nchw"
         channels, height, width = shape[-3:] if is_nchw else (shape[-1], *shape[-3:-1])
         if has_frame_axis:
-            number, fits = shape[-4] or frames, channels in (colours, None)
+            number, fits = shape[-4] or frames, channels in (image_channels, None)
         else:
             # 1 and 3 channels are one image, unless the convention names more frames.
-            number = (frames or 1) if channels in (1, 3, None) else channels // colours
-            fits = channels in (colours * number, None)
+            number = (frames or 1) if channels in (1, 3, None) else channels // image_channels
+            fits = channels in (image_channels * number, None)
         if not fits:
             raise ValueError(
-                f"its input has the shape {text}, {layout}: {convention.colour} has {colours}"
-                f" channel{'s' * (colours > 1)}; give colour, layout or frames"
+                f"its input has the shape {text}, {layout}: {convention.colour} has"
+                f" {image_channels} channel{'s' * (image_channels > 1)}; give colour, layout or"
+                " frames"
             )
         if number is None or number > MOST_FRAMES or frames not in (number, None):
             raise ValueError(
