@@ -1,4 +1,7 @@
-"""Colour of the ground that a camera's sample covers, in compiled code."""
+"""Colour of the ground that a camera's sample covers, in compiled code.
+
+`projection.py` says what a sample and its footprint are, `scenery.py` what textures are.
+"""
 
 from __future__ import annotations
 
@@ -28,31 +31,34 @@ if TYPE_CHECKING:
     import numpy.typing as npt
 
     Texels: TypeAlias = npt.NDArray[np.float32]
-    """Texture, (256, 256)."""
+    """Texture, (256, 256) from -1 to 1."""
 
-# What a sample costs is inlined: as calls that return records it would take half of the time. It
-# takes numbers, not arrays, whose references Numba counts by slow atomic operations at each branch.
-# Only `texture_at` takes arrays; as each `if` there has its `else`, nothing is counted.
+# The functions that run for each sample are inlined: calls that return records would take half of
+# a picture's time. They take numbers, not arrays, because Numba counts references to arrays
+# by slow atomic operations at each branch. Only `texture_at` takes arrays; nothing is counted there
+# as long as each `if` has an `else`.
 
 GRAIN_TEXEL: Final = 1.0 / 16.0
-"""Side of a texel of gravel and grain, in m; ours."""
-_PATCH_TEXEL = 0.5  # [m], a texel of patches; ours
+"""Side of a texel of the grain, in m; our choice."""
+_PATCH_TEXEL = 0.5  # [m], side of a texel of the patches; our choice
 
 
 class Texture(NamedTuple):
     """Values of the textures at a point, from -1 to 1."""
 
     fine: float
+    """Value of the grain."""
     coarse: float
+    """Value of the patches."""
 
 
 class Shares(NamedTuple):
-    """Shares of a footprint."""
+    """Shares of a footprint on the road's surfaces; each share includes the ones after it."""
 
     verge: float
-    """Share on the road with its gravel."""
+    """Share on the road with the gravel beside it."""
     road: float
-    """Share on the asphalt."""
+    """Share on the asphalt with its markings."""
     paint: float
     """Share on the markings."""
 
@@ -66,7 +72,7 @@ class Colour(NamedTuple):
 
 
 class Palette(NamedTuple):
-    """Colours of a scene, and the contrasts of their textures."""
+    """Colours of a scenery, and the contrasts of their textures."""
 
     land: Colour
     patch: Colour
@@ -83,13 +89,13 @@ class Palette(NamedTuple):
 
 @njit(error_model="numpy")
 def _colour_of(colours: FloatArray, row: int) -> Colour:
-    """Return a row of the table of colours."""
+    """Return the colour in a row of a scenery's colours, such as `LAND`."""
     return Colour(colours[row, 0], colours[row, 1], colours[row, 2])
 
 
 @njit(error_model="numpy")
 def palette_of(colours: FloatArray, contrasts: FloatArray) -> Palette:
-    """Return the colours and contrasts of a scenery."""
+    """Return the palette of a scenery, whose values kernels get without arrays."""
     return Palette(
         _colour_of(colours, LAND),
         _colour_of(colours, PATCH),
@@ -113,7 +119,13 @@ def texture_at(
     grain: Texels,
     patches: Texels,
 ) -> Texture:
-    """Return the textures at a point; they fade where a footprint holds many texels."""
+    """Return the textures at a point; they fade where a footprint covers many texels.
+
+    Args:
+        x, y: m, the point on the map.
+        size: m, size of the footprint.
+        grain, patches: the textures; they repeat all over the map.
+    """
     mask = TEXTURE_SIZE - 1
     if size < 16.0 * GRAIN_TEXEL:
         i, j = math.floor(x * (1.0 / GRAIN_TEXEL)), math.floor(y * (1.0 / GRAIN_TEXEL))
@@ -136,7 +148,14 @@ def texture_at(
 
 @njit(error_model="numpy", inline="always")
 def _covered(ground: Colour, cover: Colour, share: float, shade: float) -> Colour:
-    """Return a colour of which a share is covered by another one, lighter by ``shade``."""
+    """Return the mean colour of ground of which a share is covered.
+
+    Args:
+        ground: colour of the ground.
+        cover: colour of the cover.
+        share: share of the ground that is covered, 0..1.
+        shade: number that is added to the cover's colour.
+    """
     return Colour(
         ground.red + share * (cover.red + shade - ground.red),
         ground.green + share * (cover.green + shade - ground.green),
@@ -146,7 +165,13 @@ def _covered(ground: Colour, cover: Colour, share: float, shade: float) -> Colou
 
 @njit(error_model="numpy", inline="always")
 def ground_colour(shares: Shares, texture: Texture, palette: Palette) -> Colour:
-    """Return the ground's colour without haze."""
+    """Return the ground's colour without haze.
+
+    Args:
+        shares: shares of the footprint on the road's surfaces; the rest is land.
+        texture: values of the textures in the footprint.
+        palette: colours and contrasts.
+    """
     colour = Colour(0.0, 0.0, 0.0)
     if shares.verge < 1.0:
         mix = min(max(0.5 + 0.8 * texture.coarse, 0.0), 1.0)
