@@ -90,7 +90,7 @@ def _samples_at(
     """
     samples = np.zeros((*rows.shape, 8))
     rays = camera.rays_through(rows, columns)
-    # All samples begin as sky; then those of the ground are overwritten.
+    # All samples begin as sky; then samples of the ground are overwritten.
     samples[..., X] = np.arctan2(rays[..., 1], rays[..., 0]) * (SKY_COLUMNS / (2.0 * math.pi))
     up = np.arcsin(np.clip(rays[..., 2], 0.0, 1.0)) / (0.5 * math.pi)
     samples[..., Y] = np.minimum(np.sqrt(up) * SKY_ROWS, SKY_ROWS - 1.0)
