@@ -1,1 +1,1 @@
-"""A plug-in: drivers that see through a camera, what they see, and Gymnasium."""
+"""A plug-in: drivers with a camera, the pictures that it takes, neural networks and policies."""

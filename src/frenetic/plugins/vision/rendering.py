@@ -74,8 +74,8 @@ DASH_PERIOD: Final = 12.0
 
 # Only every fourth sample of a line, a *knot*, is always located on the road.
 _STRIDE = 4  # samples from a knot to the next; our choice
-_LAND_ONLY, _BETWEEN, _EACH = range(3)
-"""Where the samples between two knots are: all of them off the road; all on the road, where they are
+_OFF_ROAD, _ON_ROAD, _UNKNOWN = range(3)
+"""Where the samples between two knots are: all off the road; all on the road, where they are
 interpolated between the knots; unknown, so each is located."""
 
 
@@ -199,20 +199,20 @@ def _paint_left(wear: float, texture: Texture, size: float) -> float:
 
 @njit(error_model="numpy", inline="always")
 def _mode_between(start: _Knot, end: _Knot) -> int:
-    """Return `_LAND_ONLY`, `_BETWEEN` or `_EACH` for the samples between two knots.
+    """Return `_OFF_ROAD`, `_ON_ROAD` or `_UNKNOWN` for the samples between two knots.
 
     They are interpolated if both knots lie on the same piece of road; on an arc this errs by less
     than an eighth of the samples' spacing.
     """
     if not (start.is_ground or end.is_ground):
-        return _LAND_ONLY
+        return _OFF_ROAD
     if not (start.is_ground and end.is_ground):
-        return _EACH
+        return _UNKNOWN
     square = (end.x - start.x) ** 2 + (end.y - start.y) ** 2
     near, far = start.spot, end.spot
     if near.stretch == 0.0 and far.stretch == 0.0:
         # No road fits between two knots off the road that are less than 6 m apart.
-        return _LAND_ONLY if square < 36.0 else _EACH
+        return _OFF_ROAD if square < 36.0 else _UNKNOWN
     # The same piece: both on the road, with headings less than 14 degrees apart, and not farther
     # apart along and across the road than on the ground, give or take a bend.
     if (
@@ -222,8 +222,8 @@ def _mode_between(start: _Knot, end: _Knot) -> int:
         and (far.along - near.along) ** 2 < 4.0 * square
         and (far.left - near.left) ** 2 < 1.1 * square
     ):
-        return _BETWEEN
-    return _EACH
+        return _ON_ROAD
+    return _UNKNOWN
 
 
 @njit(error_model="numpy", inline="always")
@@ -343,9 +343,9 @@ def _locate_line(
         mode = _mode_between(start, end)
         for between in range(first + 1, u):
             spot = nowhere
-            if mode == _BETWEEN:
+            if mode == _ON_ROAD:
                 spot = _spot_between(start.spot, end.spot, (1.0 / (u - first)) * (between - first))
-            elif mode == _EACH and samples[line, between, CLEAR] >= 0.0:
+            elif mode == _UNKNOWN and samples[line, between, CLEAR] >= 0.0:
                 x, y = samples[line, between, X], samples[line, between, Y]
                 map_x, map_y = _on_map(car, x, y)
                 spot = locate(map_x, map_y, rows, cells_per_metre, keys, nearest)

@@ -1,6 +1,6 @@
-"""Neural networks as drivers: a model in an ONNX file answers its camera's image.
+"""Neural networks as drivers: a model in an ONNX file gets images or vectors, and steers.
 
-The names below are imported when they are used.
+The names below are imported when they are used, so the command line stays fast.
 """
 
 from __future__ import annotations
