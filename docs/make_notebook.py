@@ -1,8 +1,9 @@
 """Run the notebook and write its outputs into it: ``python docs/make_notebook.py``.
 
 The cells run in this process, one after the other, in a temporary folder, so neither a kernel nor a
-server is needed. The outputs are those that Jupyter shows: what a cell prints, its last value, and
-its figures. The figures are also written to docs/images, for the pages that show them.
+server is needed. As in Jupyter, the outputs of a cell are the text that it prints, the value of its
+last expression, and its figures. The figures are also written to docs/images, for the pages that
+show them.
 """
 
 from __future__ import annotations
@@ -24,19 +25,21 @@ from frenetic.report.style import encode_figure
 
 NOTEBOOK = Path(__file__).parent / "notebook.ipynb"
 IMAGES = Path(__file__).parent / "images"
-COLOURS = 64  # in a figure; few colours keep the file small
+COLOURS = 64  # most colours of a figure; few keep the notebook small
 
 
 def run_notebook(notebook: dict[str, Any], folder: Path) -> dict[str, Any]:
     """Run the cells in a folder; return the notebook with their outputs."""
-    working_folder, names = Path.cwd(), {"__name__": "__main__"}
+    working_folder = Path.cwd()
+    names: dict[str, Any] = {"__name__": "__main__"}  # global names, which the cells share
     plt.switch_backend("agg")
     os.chdir(folder)
     try:
-        cells = []
+        cells: list[dict[str, Any]] = []
+        number = 0
         for cell in notebook["cells"]:
             if cell["cell_type"] == "code":
-                number = 1 + sum("outputs" in earlier for earlier in cells)
+                number += 1
                 outputs = run_cell("".join(cell["source"]), names, number)
                 cell = {**cell, "execution_count": number, "outputs": outputs}
             cells.append(cell)
@@ -47,8 +50,15 @@ def run_notebook(notebook: dict[str, Any], folder: Path) -> dict[str, Any]:
 
 
 def run_cell(source: str, names: dict[str, Any], number: int) -> list[dict[str, Any]]:
-    """Run a cell; return its outputs."""
+    """Run a code cell; return its outputs as a notebook stores them.
+
+    Args:
+        source: code of the cell.
+        names: global names of the cells; the cell adds its own.
+        number: number of the cell, from 1.
+    """
     body = ast.parse(source).body
+    # As in Jupyter, a last expression is evaluated apart, for its value.
     last = body.pop() if body and isinstance(body[-1], ast.Expr) else None
     value, printed = None, io.StringIO()
     with contextlib.redirect_stdout(printed):
@@ -60,8 +70,9 @@ def run_cell(source: str, names: dict[str, Any], number: int) -> list[dict[str, 
         outputs.append(
             {"output_type": "stream", "name": "stdout", "text": lines(printed.getvalue())}
         )
+    # A semicolon at the end hides the value.
     if value is not None and not source.rstrip().endswith(";"):
-        data = {"text/plain": lines(repr(value))}
+        data: dict[str, Any] = {"text/plain": lines(repr(value))}
         if hasattr(value, "_repr_html_"):
             data["text/html"] = lines(value._repr_html_())
         outputs.append(

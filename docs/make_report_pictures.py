@@ -21,7 +21,7 @@ from frenetic.rerun.rerun import rerun
 from frenetic.rerun.variations import Variation
 
 IMAGES = Path(__file__).resolve().parent / "images"
-SEED = 1
+SEED = "1"  # seed of the campaign
 
 
 def main() -> None:
@@ -30,18 +30,19 @@ def main() -> None:
     if chromium is None:
         sys.exit("there is no Chromium: install one, or name it in FRENETIC_CHROMIUM")
     with tempfile.TemporaryDirectory() as folder, sync_playwright() as playwright:
-        os.chdir(folder)  # a path to it would be in the pictures
+        os.chdir(folder)  # otherwise the pictures would show the temporary folder's path
         report = make_report(Path("reported")).resolve()
-        options = ["--no-sandbox"] if hasattr(os, "geteuid") and os.geteuid() == 0 else []
+        is_root = hasattr(os, "geteuid") and os.geteuid() == 0
+        options = ["--no-sandbox"] if is_root else []  # Chromium's sandbox refuses root
         browser = playwright.chromium.launch(executable_path=chromium, args=options)
         take_pictures(browser, report)
         browser.close()
-        os.chdir(IMAGES)  # the temporary folder is deleted now
+        os.chdir(IMAGES)  # out of the temporary folder, which is deleted now
 
 
 def make_report(folder: Path) -> Path:
     """Run a campaign, rerun its most severe failures, and return the path of its report."""
-    cli.main(["run", "--seed", str(SEED), "--out", str(folder)], standalone_mode=False)
+    cli.main(["run", "--seed", SEED, "--out", str(folder)], standalone_mode=False)
     with CampaignStore.open(folder) as store:
         failing_tests = [test.id for test in representative_failures(store, 8)]
     rerun(
@@ -56,16 +57,17 @@ def make_report(folder: Path) -> Path:
 
 
 def take_pictures(browser: Browser, report: Path) -> None:
-    """Take pictures of the page's top, its map, and the player in dark colours."""
-    page = open_report(browser, report, 1180, 1010)
+    """Take pictures of the report's top, of its map, and of its player in dark colours."""
+    page = open_report(browser, report, width=1180, height=1010)
     save(page, "report-top")
     page.set_viewport_size({"width": 1180, "height": 860})
     page.locator(".cell.severity.depth-5, .cell.severity.depth-4").first.click()
     page.locator("#map").scroll_into_view_if_needed()
     page.evaluate("document.getElementById('map').scrollIntoView({behavior: 'instant'})")
     save(page, "report-map")
-    dark = open_report(browser, report, 1180, 940, dark=True)
+    dark = open_report(browser, report, width=1180, height=940, dark=True)
     dark.locator(".gallery .card").nth(2).click()
+    # Show the drive a little before its end, without a frame around the focus.
     dark.keyboard.press("End")
     for _ in range(2):
         dark.keyboard.press("ArrowLeft")
@@ -76,7 +78,7 @@ def take_pictures(browser: Browser, report: Path) -> None:
 def open_report(
     browser: Browser, report: Path, width: int, height: int, *, dark: bool = False
 ) -> Page:
-    """Open the report in a new window of this size, in pixels."""
+    """Return the report in a new window of this size, in pixels, when its plots are drawn."""
     page = browser.new_context(
         viewport={"width": width, "height": height},
         color_scheme="dark" if dark else "light",
@@ -88,7 +90,7 @@ def open_report(
 
 
 def save(page: Page, name: str) -> None:
-    """Write a picture of the visible part."""
+    """Write a picture of the visible part of a page to docs/images."""
     page.screenshot(path=IMAGES / f"{name}.png")
 
 
