@@ -48,11 +48,11 @@ FOG_COLOUR: Final = (202.0, 206.0, 210.0)
 RAIN_COLOUR: Final = (214.0, 219.0, 226.0)
 """Colour of a streak of rain, RGB; our choice."""
 
-# Our choice, by eye.
-_STREAKS = 2.0  # for each mm/h on as many pixels as follow
+# Streaks of rain are our choice, by eye.
+_STREAK_RATE = 2.0  # mean number of streaks for each mm/h on _STREAK_PIXELS pixels
 _STREAK_PIXELS = 160.0 * 80.0
-_STREAK_HEIGHT = 7.0  # the longest streak is this fraction of the picture's height
-_SHORTEST_STREAK = 2.0  # [pixels], least length of the longest streak
+_HEIGHT_OVER_STREAK = 7.0  # height of the picture divided by the length of the longest streaks
+_LEAST_LONGEST = 2.0  # [pixels], least length of the longest streaks
 
 _GRAIN_STARTS = 1 << 16  # places in the stored noise at which a picture's grain may begin
 
@@ -62,9 +62,11 @@ class CameraWrapper(OwnWrapper):
 
     Args:
         driver: the driver underneath; it or one under its wrappers has a camera.
+        amount: amount of the wrapper's condition.
 
     Raises:
-        ValueError: neither the driver nor one under its wrappers has a camera.
+        ValueError: neither the driver nor one under its wrappers has a camera, or the amount is
+            out of range.
     """
 
     condition: ClassVar[Condition]
@@ -199,10 +201,12 @@ class Rainy(_SeededWrapper):
         """Return the picture with streaks."""
         height, width, _ = image.shape
         rng = _generator_at(self.seed, observation.time)
-        count = rng.poisson(_STREAKS * self.amount * height * width / _STREAK_PIXELS)
+        count = rng.poisson(_STREAK_RATE * self.amount * height * width / _STREAK_PIXELS)
         u, v, length, slant, strength = rng.random((5, count, 1))  # all in 0..1
-        longest = max(height / _STREAK_HEIGHT, _SHORTEST_STREAK)
-        # A row of these arrays is a streak, a column is one of its pixels from the top on.
+        longest = max(height / _HEIGHT_OVER_STREAK, _LEAST_LONGEST)
+        # In these arrays a row is a streak, and a column is a pixel along it, from the top on. A
+        # streak leans by a quarter of a column per row at most, and has 40 to 100 % of the longest
+        # length and 20 to 50 % of the opacity.
         along = np.arange(math.ceil(longest))
         rows = (v * (height + longest) - longest + along).astype(np.int64)
         columns = np.floor(u * width + (slant - 0.5) * 0.5 * along).astype(np.int64)

@@ -34,7 +34,7 @@ _FOOTPRINT_REACH = 1.0  # [m], from a pixel's centre beside the road to the edge
 
 _EMPTY = -(2**62)  # key of a slot without a cell
 _HASH_FACTOR = 0x9E3779B97F4A7C1  # 2^60 divided by the golden ratio spreads neighbouring keys
-_CELLS_IN_COLUMN = 67108864  # 2^26 cells from one column of the grid to the next in `_key_of`
+_COLUMN_KEYS = 67108864  # 2^26, difference of the keys of two neighbouring columns of cells
 
 # Columns of the rows: x and y (m), cosine and sine of the heading, curvature (1/m).
 _X, _Y, _COSINE, _SINE, _CURVATURE = range(5)
@@ -123,7 +123,7 @@ def _slot_of(keys: npt.NDArray[np.int64], key: int) -> int:
 @njit(error_model="numpy")
 def _key_of(ix: int, iy: int) -> int:
     """Return the key of the cell with these whole coordinates in the grid."""
-    return ix * _CELLS_IN_COLUMN + iy
+    return ix * _COLUMN_KEYS + iy
 
 
 @njit()

@@ -46,10 +46,10 @@ _PATCH_TEXEL = 0.5  # [m], side of a texel of the patches; our choice
 class Texture(NamedTuple):
     """Values of the textures at a point, from -1 to 1."""
 
-    fine: float
-    """Value of the grain."""
-    coarse: float
-    """Value of the patches."""
+    grain: float
+    """Value of the grain, small dots."""
+    patches: float
+    """Value of the patches, a few metres wide."""
 
 
 class Shares(NamedTuple):
@@ -116,34 +116,34 @@ def texture_at(
     x: float,
     y: float,
     size: float,
-    grain: Texels,
-    patches: Texels,
+    grain_texture: Texels,
+    patch_texture: Texels,
 ) -> Texture:
     """Return the textures at a point; they fade where a footprint covers many texels.
 
     Args:
         x, y: m, the point on the map.
         size: m, size of the footprint.
-        grain, patches: the textures; they repeat all over the map.
+        grain_texture, patch_texture: the textures; they repeat all over the map.
     """
     mask = TEXTURE_SIZE - 1
     if size < 16.0 * GRAIN_TEXEL:
         i, j = math.floor(x * (1.0 / GRAIN_TEXEL)), math.floor(y * (1.0 / GRAIN_TEXEL))
-        fine = grain[i & mask, j & mask] * min(2.0 * GRAIN_TEXEL / size, 1.0)
+        grain = grain_texture[i & mask, j & mask] * min(2.0 * GRAIN_TEXEL / size, 1.0)
     else:
-        fine = 0.0
+        grain = 0.0
     if size < 32.0 * _PATCH_TEXEL:
         tx, ty = x * (1.0 / _PATCH_TEXEL), y * (1.0 / _PATCH_TEXEL)
         i, j = math.floor(tx), math.floor(ty)
         tx -= i
         ty -= j
         i0, j0, i1, j1 = i & mask, j & mask, (i + 1) & mask, (j + 1) & mask
-        low = patches[i0, j0] + ty * (patches[i0, j1] - patches[i0, j0])
-        high = patches[i1, j0] + ty * (patches[i1, j1] - patches[i1, j0])
-        coarse = (low + tx * (high - low)) * min(8.0 * _PATCH_TEXEL / size, 1.0)
+        low = patch_texture[i0, j0] + ty * (patch_texture[i0, j1] - patch_texture[i0, j0])
+        high = patch_texture[i1, j0] + ty * (patch_texture[i1, j1] - patch_texture[i1, j0])
+        patches = (low + tx * (high - low)) * min(8.0 * _PATCH_TEXEL / size, 1.0)
     else:
-        coarse = 0.0
-    return Texture(fine, coarse)
+        patches = 0.0
+    return Texture(grain, patches)
 
 
 @njit(error_model="numpy", inline="always")
@@ -174,18 +174,20 @@ def ground_colour(shares: Shares, texture: Texture, palette: Palette) -> Colour:
     """
     colour = Colour(0.0, 0.0, 0.0)
     if shares.verge < 1.0:
-        mix = min(max(0.5 + 0.8 * texture.coarse, 0.0), 1.0)
-        grain = palette.land_grain * texture.fine
+        mix = min(max(0.5 + 0.8 * texture.patches, 0.0), 1.0)
+        shade = palette.land_grain * texture.grain
         land = _covered(palette.land, palette.patch, mix, 0.0)
-        colour = Colour(land.red + grain, land.green + grain, land.blue + grain)
+        colour = Colour(land.red + shade, land.green + shade, land.blue + shade)
     if shares.verge > 0.0:
         if shares.road < 1.0:
-            grain = palette.gravel_grain * texture.fine
-            colour = _covered(colour, palette.gravel, shares.verge, grain)
+            shade = palette.gravel_grain * texture.grain
+            colour = _covered(colour, palette.gravel, shares.verge, shade)
         if shares.road > 0.0:
-            shade = palette.asphalt_grain * texture.fine + palette.asphalt_patches * texture.coarse
+            shade = (
+                palette.asphalt_grain * texture.grain + palette.asphalt_patches * texture.patches
+            )
             colour = _covered(colour, palette.asphalt, shares.road, shade)
         if shares.paint > 0.0:
-            grain = palette.paint_grain * texture.fine
-            colour = _covered(colour, palette.paint, shares.paint, grain)
+            shade = palette.paint_grain * texture.grain
+            colour = _covered(colour, palette.paint, shares.paint, shade)
     return colour

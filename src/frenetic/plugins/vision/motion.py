@@ -102,7 +102,7 @@ def smear(image: Image, ways: FloatArray, out: Image) -> None:
                 red += image[i, j, 0]
                 green += image[i, j, 1]
                 blue += image[i, j, 2]
-            # Half of the number is added: the division rounds down.
+            # With half of the divisor added, the division rounds to the nearest number.
             out[v, u, 0] = (red + _BLUR_SAMPLES // 2) // _BLUR_SAMPLES
             out[v, u, 1] = (green + _BLUR_SAMPLES // 2) // _BLUR_SAMPLES
             out[v, u, 2] = (blue + _BLUR_SAMPLES // 2) // _BLUR_SAMPLES

@@ -192,7 +192,7 @@ def _paint_left(wear: float, texture: Texture, size: float) -> float:
         size: m, size of the footprint.
     """
     left = 1.0 - wear
-    here = min(max(0.5 + 2.5 * (left - 0.5 - 0.35 * (texture.fine + texture.coarse)), 0.0), 1.0)
+    here = min(max(0.5 + 2.5 * (left - 0.5 - 0.35 * (texture.grain + texture.patches)), 0.0), 1.0)
     sharp = min(8.0 * GRAIN_TEXEL / size, 1.0)
     return sharp * here + (1.0 - sharp) * left
 
@@ -370,8 +370,8 @@ def _add_line(
     car: _CarPose,
     lanes: _Lanes,
     palette: Palette,
-    grain: Texels,
-    patches: Texels,
+    grain_texture: Texels,
+    patch_texture: Texels,
     sky: Image,
     sums: FloatArray,
 ) -> None:
@@ -384,7 +384,7 @@ def _add_line(
         car: position and heading of the car.
         lanes: edges of the road.
         palette: colours of the ground and of the hills; distant ground takes their colour.
-        grain, patches: the textures.
+        grain_texture, patch_texture: the textures.
         sky: the panorama.
         sums: (width, 3) sums of colours, to which the colours are added.
     """
@@ -400,7 +400,7 @@ def _add_line(
         x, y = _on_map(car, fx, fy)
         spot = Spot(spots[u, 0], spots[u, 1], spots[u, 2], spots[u, 3], spots[u, 4])
         footprint = _footprint_of(samples, line, u)
-        texture = texture_at(x, y, footprint.size, grain, patches)
+        texture = texture_at(x, y, footprint.size, grain_texture, patch_texture)
         shares = _shares_of(footprint, spot, car, lanes, texture)
         colour = ground_colour(shares, texture, palette)
         sums[u, 0] += hills.red + clear * (colour.red - hills.red)
@@ -433,7 +433,7 @@ def _draw(
     car = _car_at(pose)
     lanes = _lanes_of(lane_width, wear)
     rows, cells_per_metre, keys, nearest = road
-    colours, contrasts, grain, patches, sky = scenery
+    colours, contrasts, grain_texture, patch_texture, sky = scenery
     palette = palette_of(colours, contrasts)
     width = image.shape[1]
     spots = np.empty((width, 5))
@@ -442,7 +442,9 @@ def _draw(
         sums[:] = 0.0
         for line in range(first_lines[v], first_lines[v + 1]):
             _locate_line(samples, line, car, rows, cells_per_metre, keys, nearest, spots)
-            _add_line(samples, line, spots, car, lanes, palette, grain, patches, sky, sums)
+            _add_line(
+                samples, line, spots, car, lanes, palette, grain_texture, patch_texture, sky, sums
+            )
         # A pixel is the mean of its samples, rounded.
         share = 1.0 / (first_lines[v + 1] - first_lines[v])
         for u in range(width):
@@ -463,8 +465,8 @@ class CameraRenderer:
         self.camera = camera
         scene = scene or Scene()
         self._wear = scene.wear
-        colours, contrasts, fine, coarse, sky = scenery_of(scene.seed)
-        self._scenery = (colours, contrasts, fine, coarse, sky)
+        colours, contrasts, grain, patches, sky = scenery_of(scene.seed)
+        self._scenery = (colours, contrasts, grain, patches, sky)
         rows, cells_per_metre, keys, nearest = make_drawn_road(road)
         self._road = (rows, cells_per_metre, keys, nearest)
         self._lane_width = road.lane_width

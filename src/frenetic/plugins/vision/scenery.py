@@ -21,9 +21,9 @@ TEXTURE_SIZE: Final = 256
 """Number of texels along each side of a texture, a power of two."""
 
 LAND, PATCH, GRAVEL, ASPHALT, PAINT, HILLS = range(6)
-"""Rows of the table of colours."""
+"""Rows of `Scenery.colours`."""
 LAND_GRAIN, GRAVEL_GRAIN, ASPHALT_GRAIN, PAINT_GRAIN, ASPHALT_PATCHES = range(5)
-"""Indices of the contrasts."""
+"""Indices of `Scenery.contrasts`."""
 
 _GRAIN_GRIDS = (TEXTURE_SIZE, 128)  # points along the grids whose sum is the grain
 _PATCH_GRIDS = (64, 32, 16)  # points along the grids whose sum are the patches
@@ -48,9 +48,9 @@ class Scenery(NamedTuple):
     contrasts: FloatArray
     """Largest changes of a colour by a texture, with the indices `LAND_GRAIN` to
     `ASPHALT_PATCHES`, (5,)."""
-    fine: npt.NDArray[np.float32]
+    grain: npt.NDArray[np.float32]
     """Texture of the grain, (256, 256) from -1 to 1."""
-    coarse: npt.NDArray[np.float32]
+    patches: npt.NDArray[np.float32]
     """Texture of the patches, (256, 256) from -1 to 1."""
     sky: npt.NDArray[np.uint8]
     """Panorama of the sky, (`SKY_ROWS`, `SKY_COLUMNS`, 3)."""
@@ -60,8 +60,8 @@ class Scenery(NamedTuple):
 def scenery_of(seed: int) -> Scenery:
     """Return the scenery of a seed: ordinary colours for 0, else colours from wide ranges."""
     rng = np.random.default_rng(seed)
-    fine = _noise(rng, _GRAIN_GRIDS)
-    coarse = _noise(rng, _PATCH_GRIDS)
+    grain = _noise(rng, _GRAIN_GRIDS)
+    patches = _noise(rng, _PATCH_GRIDS)
     land, contrasts = _GRASS, np.array(_USUAL_CONTRASTS)
     asphalt, tint, gravel, paint = 93.0, 1.5, 132.0, 234.0  # brightness; tint makes asphalt bluish
     sun, sun_up, clouds = 0.7, 0.6, 0.0  # see _panorama
@@ -84,8 +84,8 @@ def scenery_of(seed: int) -> Scenery:
         ],
         dtype=np.float64,
     )
-    sky = _panorama(coarse, colours[HILLS], sun, sun_up, clouds)
-    return Scenery(colours, contrasts, fine, coarse, sky)
+    sky = _panorama(patches, colours[HILLS], sun, sun_up, clouds)
+    return Scenery(colours, contrasts, grain, patches, sky)
 
 
 def _noise(rng: np.random.Generator, grids: tuple[int, ...]) -> npt.NDArray[np.float32]:
