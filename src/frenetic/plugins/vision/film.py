@@ -47,7 +47,7 @@ def camera_film(config: Mapping[str, JSONValue]) -> Callable[[Test], Film | None
     Args:
         config: the campaign's record.
     """
-    witness = _witness(config)
+    witness = _witness_of(config)
 
     def film_of(test: Test) -> Film | None:
         if witness is None or test.drive is None or len(test.drive.trajectory) < 2:
@@ -136,7 +136,7 @@ def _observation_at(trajectory: Trajectory, i: int, image: Image) -> Observation
     )
 
 
-def _witness(config: Mapping[str, JSONValue]) -> _Witness | None:
+def _witness_of(config: Mapping[str, JSONValue]) -> _Witness | None:
     """Return a witness in place of the driver of a campaign's record; None where there is no film.
 
     Of the wrappers over the driver, it gets the ones that change the picture.

@@ -198,7 +198,7 @@ def _paint_left(wear: float, texture: Texture, size: float) -> float:
 
 
 @njit(error_model="numpy", inline="always")
-def _mode_between(start: _Knot, end: _Knot) -> int:
+def _region_between(start: _Knot, end: _Knot) -> int:
     """Return `_OFF_ROAD`, `_ON_ROAD` or `_UNKNOWN` for the samples between two knots.
 
     They are interpolated if both knots lie on the same piece of road; on an arc this errs by less
@@ -340,12 +340,12 @@ def _locate_line(
             spot = locate(map_x, map_y, rows, cells_per_metre, keys, nearest)
         _write_spot(spots, u, spot)
         end = _Knot(is_ground, x, y, spot)
-        mode = _mode_between(start, end)
+        region = _region_between(start, end)
         for between in range(first + 1, u):
             spot = nowhere
-            if mode == _ON_ROAD:
+            if region == _ON_ROAD:
                 spot = _spot_between(start.spot, end.spot, (1.0 / (u - first)) * (between - first))
-            elif mode == _UNKNOWN and samples[line, between, CLEAR] >= 0.0:
+            elif region == _UNKNOWN and samples[line, between, CLEAR] >= 0.0:
                 x, y = samples[line, between, X], samples[line, between, Y]
                 map_x, map_y = _on_map(car, x, y)
                 spot = locate(map_x, map_y, rows, cells_per_metre, keys, nearest)

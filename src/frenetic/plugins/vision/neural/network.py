@@ -168,7 +168,10 @@ class Network:
         image, speed = observation.image, observation.speed
         takes_vectors = self.convention.inputs == "vector"
         if image is None and not takes_vectors:
-            raise DriverError("a neural network needs a camera, and this simulator draws no image")
+            raise DriverError(
+                "a neural network needs a camera, and this simulator draws no image: use another,"
+                " such as the embedded one"
+            )
         try:
             if image is None or takes_vectors:
                 vector = vector_of(observation, self._setup_array)
@@ -254,11 +257,13 @@ class Network:
         outputs = self.convention.outputs
         if len(answer) != len(outputs.split("-")):
             raise ValueError(
-                f"the network gives {len(answer)} numbers, but its outputs are {outputs}: give"
-                " outputs"
+                f"the network gives {len(answer)} numbers, but its outputs are {outputs}: set"
+                " outputs to steering for 1 number, to steering-throttle for 2"
             )
         if not np.isfinite(answer).all():
-            raise ValueError(f"the network gives {answer[~np.isfinite(answer)][0]}")
+            raise ValueError(
+                f"the network gives {answer[~np.isfinite(answer)][0]}: finite numbers are needed"
+            )
         return answer
 
     def _steering(self, output: float) -> float:
