@@ -37,9 +37,8 @@ from typing import Any, Final
 import h5py
 import numpy as np
 import numpy.typing as npt
-import onnx
 import torch
-from onnx import TensorProto, helper, numpy_helper
+from onnx_export import Value, write_network
 from torch import nn
 
 from frenetic import (
@@ -54,7 +53,7 @@ from frenetic import (
     judge,
 )
 from frenetic.drivers.camera import Image
-from frenetic.plugins.vision.neural import METADATA, Convention, Network
+from frenetic.plugins.vision.neural import Convention, Network
 from frenetic.plugins.vision.neural.network import Resizing
 from frenetic.search.random_roads import RandomRoads
 
@@ -380,44 +379,19 @@ def save(network: nn.Sequential, path: Path, entries: Mapping[str, Any]) -> None
     """Write the network as ONNX; the same weights give the same bytes.
 
     Args:
-        network: the network.
+        network: the network; it is moved to the processor.
         path: the file.
         entries: fields of the network's convention.
     """
-    nodes, tensors, value = [], [], "image"
-    layers = list(network.cpu())
-    for i, layer in enumerate(layers):
-        name = "steering" if i == len(layers) - 1 else f"x{i}"
-        inputs = [value]
-        if isinstance(layer, (nn.Conv2d, nn.Linear)):
-            # The file's network gives shares: the last layer is divided by its scale.
-            scale = OUTPUT_SCALE if name == "steering" else 1.0
-            for kind, values in layer.state_dict().items():
-                inputs.append(f"{kind}{i}")
-                tensors.append(
-                    numpy_helper.from_array(values.numpy() / np.float32(scale), inputs[-1])
-                )
-        if isinstance(layer, nn.Conv2d):
-            stride = [int(pixels) for pixels in layer.stride]
-            nodes.append(helper.make_node("Conv", inputs, [name], strides=stride))
-        elif isinstance(layer, nn.Linear):
-            nodes.append(helper.make_node("Gemm", inputs, [name], transB=1))
-        else:
-            kind = {nn.ReLU: "Relu", nn.ELU: "Elu", nn.Flatten: "Flatten"}[type(layer)]
-            nodes.append(helper.make_node(kind, inputs, [name]))
-        value = name
-    graph = helper.make_graph(
-        nodes,
-        "dave2",
-        [helper.make_tensor_value_info("image", TensorProto.FLOAT, [1, 3, *INPUT_SIZE])],
-        [helper.make_tensor_value_info("steering", TensorProto.FLOAT, [1, 1])],
-        tensors,
+    write_network(
+        network.cpu(),
+        path,
+        name="dave2",
+        takes=Value("image", [1, 3, *INPUT_SIZE]),
+        gives=Value("steering", [1, 1]),
+        entries=entries,
+        output_scale=OUTPUT_SCALE,
     )
-    model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 13)], ir_version=8)
-    model.producer_name, model.producer_version = "frenetic", ""
-    helper.set_model_props(model, {METADATA: json.dumps(entries)})
-    onnx.checker.check_model(model)
-    path.write_bytes(model.SerializeToString(deterministic=True))
 
 
 def measure(path: Path, speeds: Sequence[float], count: int) -> None:

@@ -26,7 +26,6 @@ the same machine with the same versions.
 from __future__ import annotations
 
 import argparse
-import json
 import tempfile
 import time
 from collections.abc import Sequence
@@ -36,19 +35,17 @@ from typing import Any, Final, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-import onnx
 import torch
-from onnx import TensorProto, helper, numpy_helper
+from onnx_export import Value, write_network
 from stable_baselines3 import PPO
 from stable_baselines3.common.vec_env import VecEnv
-from torch import nn
 
 from frenetic import Budget, Campaign, EmbeddedSimulator, Frenetic, Road
 from frenetic.analysis import measure_campaign
 from frenetic.plugins.gym import LaneKeepingVectorEnv
 from frenetic.plugins.gym.environment import roads_of
-from frenetic.plugins.vision.neural import METADATA, Network
-from frenetic.plugins.vision.policy import VECTOR_SIZE
+from frenetic.plugins.vision.neural import Network
+from frenetic.plugins.vision.policy import ACTION_SIZE, VECTOR_SIZE
 from frenetic.simulators.embedded.rollout import PERIOD
 
 # All numbers are our choice.
@@ -191,31 +188,14 @@ def train(model: PPO, training_cars: Cars, steps: int, rate: float) -> None:
 def save(model: PPO, path: Path) -> None:
     """Write the policy's mean action as a driver in an ONNX file."""
     policy = model.policy
-    layers = [*policy.mlp_extractor.policy_net, policy.action_net]
-    nodes, tensors, value = [], [], "vector"
-    for i, layer in enumerate(layers):
-        name = "action" if i == len(layers) - 1 else f"x{i}"
-        inputs = [value]
-        for kind, values in layer.state_dict().items():
-            inputs.append(f"{kind}{i}")
-            tensors.append(numpy_helper.from_array(values.numpy(), inputs[-1]))
-        if isinstance(layer, nn.Linear):
-            nodes.append(helper.make_node("Gemm", inputs, [name], transB=1))
-        else:
-            nodes.append(helper.make_node("Tanh", inputs, [name]))
-        value = name
-    graph = helper.make_graph(
-        nodes,
-        "lane_keeping",
-        [helper.make_tensor_value_info("vector", TensorProto.FLOAT, [1, VECTOR_SIZE])],
-        [helper.make_tensor_value_info("action", TensorProto.FLOAT, [1, 2])],
-        tensors,
+    write_network(
+        [*policy.mlp_extractor.policy_net, policy.action_net],
+        path,
+        name="lane_keeping",
+        takes=Value("vector", [1, VECTOR_SIZE]),
+        gives=Value("action", [1, ACTION_SIZE]),
+        entries={"inputs": "vector", "outputs": "steering-throttle", "steering": "action"},
     )
-    exported = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 13)], ir_version=8)
-    convention = {"inputs": "vector", "outputs": "steering-throttle", "steering": "action"}
-    helper.set_model_props(exported, {METADATA: json.dumps(convention)})
-    onnx.checker.check_model(exported)
-    path.write_bytes(exported.SerializeToString(deterministic=True))
 
 
 def drive_fresh_roads(model: PPO, seed: int, count: int) -> tuple[float, float]:
