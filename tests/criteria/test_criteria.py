@@ -421,7 +421,8 @@ def test_a_package_adds_signals_and_criteria_sets(monkeypatch: pytest.MonkeyPatc
             ("top_speed", "slow", "no_series"), ("TOP_SPEED", "SLOW", "NO_SERIES"), strict=True
         )
     )
-    monkeypatch.setattr("frenetic.criteria.criterion.installed", lambda _: entries)
+    installed = {"frenetic.criteria": entries}
+    monkeypatch.setattr("frenetic.criteria.criterion.installed", lambda group: installed[group])
     road = Road(np.zeros(21))
     drive = along(road, 15.0)
     criteria = read_criteria("slow,top_speed=12")

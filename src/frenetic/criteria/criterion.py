@@ -31,7 +31,7 @@ from frenetic._support.outside_text import read_toml
 from frenetic._support.words import number_word
 from frenetic.errors import FreneticError
 
-GROUP: Final = "frenetic.criteria.criterion"
+GROUP: Final = "frenetic.criteria"
 """Entry point group of other packages' criteria sets and signals."""
 LANE: Final = "lane"
 """Criterion of leaving the lane: the share of the car's box outside it."""
