@@ -308,7 +308,7 @@ def test_the_error_names_the_mistake(text: str, message: str) -> None:
         ),
         ("lateral_jerk = {limit = 1, window = -1}", "window is -1"),
         ("sideways = 1", "there is no signal sideways"),
-        ("lateral_jerk =", "says no criteria"),
+        ("lateral_jerk =", "holds no criteria"),
         ("about = 1", "about is 1"),
     ],
 )

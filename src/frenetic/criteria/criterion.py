@@ -223,7 +223,7 @@ class CriteriaSet:
                 entries = read_toml(read_bounded(path))
                 criteria_set = cls.from_entries(path.stem, entries)
             except (ValueError, TypeError) as error:
-                raise FreneticError(f"{name} says no criteria: {error}") from None
+                raise FreneticError(f"{name} holds no criteria: {error}") from None
         elif name in (known := criteria_sets()):
             criteria_set = known[name]
         else:

@@ -102,7 +102,7 @@ class Spec(RunEntries, frozen=True, kw_only=True):
         later_values["conditions"] = {
             name: amount
             for name, amount in (conditions | later.conditions).items()
-            if name == SEED or amount != condition_named(name).nothing
+            if name == SEED or amount != condition_named(name).no_effect
         }
         return structs.replace(self, **values | later_values)
 
