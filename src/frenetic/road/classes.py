@@ -1,40 +1,22 @@
 """Road classes: the rules by which roads are built for a design speed.
 
 A class comes from `classes.toml` by its name, or from a user's TOML file. A rule that the file
-leaves out is computed from the design speed V in km/h:
-
-================== ==================================================================
-``min_radius``     V² / (127 (e + f)), e the largest superelevation, f the side
-                   friction factor for V (AASHTO Green Book, minimum radius)
-``min_clothoid``   the largest of three, with R the least radius: sqrt(v³ / C), v in
-                   m/s, C = 1.2 m/s³ (AASHTO, spirals: lateral jerk);
-                   sqrt(R w e / g), w the lane's width, g the relative gradient of
-                   its edge for V (AASHTO, superelevation runoff); R / 3 (RAL, RAA)
-``min_arc``        the distance driven in 2 s: V / 1.8 (RAL, RAA)
-``min_straight``   between bends to the same side: 6 V (RAS-L 1995); below 60 km/h
-                   the distance driven in 2 s
-``min_crest``      100 S² / 658, S = 0.278 V 2.5 s + 0.039 V² / 3.4 m/s² the stopping
-                   sight distance (AASHTO, crest vertical curves)
-``min_sag``        100 V² / 395 (AASHTO, sag vertical curves: comfort)
-``widening``       D² / 2 for each lane, with D = 10 m from a long vehicle's rear axle to
-                   its front (RAS-L 1995); 0 if no lane would be widened by 0.25 m
-================== ==================================================================
+leaves out is computed from the design speed, see `frenetic.road.class_formulas`.
 
 Straights do not lean. Bends lean in proportion to their curvature, up to ``max_superelevation`` at
 the least radius (AASHTO's method 1), so the slope changes along the clothoids. Lanes widen in
 proportion to the curvature, too.
-
-Sources: AASHTO Green Book is the American guideline; RAS-L, RAL and RAA are German ones.
 """
 
 from __future__ import annotations
 
 import math
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass, field, fields, replace
 from functools import cache
 from importlib.resources import files
+from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Final, Self, TypeAlias
 
@@ -49,8 +31,9 @@ from frenetic._support.words import read_part
 from frenetic.criteria.criterion import COMPETITION
 from frenetic.errors import FreneticError
 from frenetic.road import profile
-from frenetic.road.class_breaches import find_breaches
-from frenetic.road.conforming import conform
+from frenetic.road.class_formulas import completed
+from frenetic.road.conforming import NO_CHANGE, conform
+from frenetic.road.steady_parts import indices_of, knots, steady_parts
 from frenetic.road.validity import Verdict
 
 if TYPE_CHECKING:
@@ -58,21 +41,18 @@ if TYPE_CHECKING:
 
 GRAVITY: Final = 9.81
 """Acceleration of gravity, in m/s²: the standard 9.80665, rounded."""
-SPEEDS: Final = (20, 30, 40, 50, 60, 70, 80, 90, 100, 110, 120, 130)
-"""Design speeds of AASHTO's tables, in km/h."""
-_FRICTION: Final = (0.35, 0.28, 0.23, 0.19, 0.17, 0.15, 0.14, 0.13, 0.12, 0.11, 0.09, 0.08)
-"""Side friction factors for these design speeds (AASHTO)."""
-_GRADIENT: Final = (0.80, 0.75, 0.70, 0.65, 0.60, 0.55, 0.50, 0.47, 0.44, 0.41, 0.38, 0.35)
-"""Largest slopes of a lane's edge against its centre line for these speeds, in % (AASHTO)."""
-_JERK: Final = 1.2  # [m/s³] lateral jerk in a clothoid (AASHTO, spirals)
-_LONG_VEHICLE_WIDENING: Final = 50.0
-"""Widening times radius for a long vehicle, in m²: half the square of the 10 m from its rear axle
-to its front (RAS-L 1995)."""
-_LEAST_WIDENING: Final = 0.25  # [m] a smaller widening is left out (RAS-L 1995)
 _STEPS_ROUNDING: Final = 1e-9
 """Number of steps by which a computed number of steps may exceed a whole number; our choice."""
-_METRES_ROUNDING: Final = 1e-6
-"""Length by which a computed rule may exceed whole metres, in m; our choice."""
+_SHARE_ROUNDING: Final = 1e-9
+"""Share of a limit by which a rounded value may exceed the limit; our choice."""
+_SLOPE_ROUNDING: Final = 1e-9
+"""Slope in m/m by which a rounded slope may exceed its limit, even a limit of 0; our choice."""
+_FRICTION_ROUNDING: Final = 1e-6
+"""Side friction by which a computed friction may exceed its limit; our choice."""
+_LENGTH_ROUNDING: Final = 1e-6
+"""Length in m by which a rounded length may fall short of its limit; our choice."""
+_CREST_ROUNDING: Final = 1e-6
+"""Share of its limit by which the bend of a crest or a sag may exceed the limit; our choice."""
 
 _Speed: TypeAlias = Annotated[float, Meta(ge=20.0, le=250.0)]  # km/h
 _Slope: TypeAlias = Annotated[float, Meta(ge=0.0, le=0.2)]  # m/m
@@ -179,34 +159,7 @@ class RoadClass:
         if "design_speed" not in entries:
             raise ValueError("design_speed is missing: km/h are needed")
         check(entries, RoadClass)
-        speed = float(entries["design_speed"])
-        values: dict[str, Any] = {
-            # Defaults, our choice: the step is a fifth of the speed in km/h, and at least 5 m.
-            "speed_limit": speed,
-            "lane_width": 3.5,
-            "length": 2000.0,
-            "max_superelevation": 0.06,
-            "max_grade": 0.06,
-            "widening": 0.0,
-            "step": float(max(round(speed / 5.0), 5)),
-            **entries,
-        }
-        computed = _computed_rules(speed, values)
-        is_widened = _LONG_VEHICLE_WIDENING / computed["min_radius"] >= _LEAST_WIDENING
-        if "widening" not in entries and is_widened:
-            values["widening"] = _LONG_VEHICLE_WIDENING
-        for name, value in computed.items():
-            # Rounded up to whole metres, so that the rule holds.
-            values.setdefault(name, float(math.ceil(value - _METRES_ROUNDING)))
-        values.setdefault("map_size", 100.0 * math.ceil(float(values["length"]) / 100.0 + 1.0))
-        formulas = dict.fromkeys(computed, f"AASHTO Green Book, for {speed:g} km/h") | {
-            "min_arc": "RAL, RAA: the way of 2 s",
-            "min_straight": "RAS-L 1995: 6 V" if speed >= 60.0 else "the way of 2 s",
-            "widening": "RAS-L 1995: D² / 2, D = 10 m; none below 0.25 m",
-        }
-        sources = {name: text for name, text in formulas.items() if name not in entries}
-        sources |= entries.get("sources", {})
-        return cls(**values | {"sources": sources})
+        return cls(**completed(entries))
 
     def as_json(self) -> dict[str, Any]:
         """Return the values, for JSON; `from_entries` returns the same class from them."""
@@ -297,7 +250,7 @@ class RoadClass:
 
     def breach(self, road: Road) -> str:
         """Return the first rule that a road breaches, in words; empty if it meets all."""
-        return next(find_breaches(self, road), "")
+        return next(_find_breaches(self, road), "")
 
     def verdict(self, road: Road) -> Verdict:
         """Return the verdict on a road by the rules, with the first breach as its message."""
@@ -305,39 +258,110 @@ class RoadClass:
         return Verdict(not text, text)
 
 
-# Formulas
+# Breaches
 
 
-def _computed_rules(speed: float, values: Mapping[str, Any]) -> dict[str, float]:
-    """Return the rules that have a formula in the module's table, in m, before rounding.
+def _find_breaches(rules: RoadClass, road: Road) -> Iterator[str]:
+    """Yield each breach of the rules by a road, in words."""
+    yield from _curvature_breaches(rules, road)
+    yield from _length_breaches(rules, road)
+    yield from _superelevation_breaches(rules, road)
+    yield from _grade_breaches(rules, road)
+    yield from _width_breaches(rules, road)
+
+
+def _breach_text(rules: RoadClass, rule: str, fact: str, needed: str) -> str:
+    """Return a breach in words, such as "A radius of 50 m at 20 m: rural-80 needs at least 240 m".
 
     Args:
-        speed: design speed, in km/h.
-        values: values of the class: lane width, largest superelevation, and maybe a least radius,
-            which then stays.
+        rules: the class.
+        rule: name of the rule, whose source is added.
+        fact: the fact about the road.
+        needed: the value that the rule needs.
     """
-    slope, lane_width = float(values["max_superelevation"]), float(values["lane_width"])
-    gradient = float(np.interp(speed, SPEEDS, _GRADIENT))
-    radius = float(values.get("min_radius", speed**2 / (127.0 * (slope + friction_at(speed)))))
-    clothoid_square = max(
-        (speed / 3.6) ** 3 / _JERK,
-        100.0 * radius * lane_width * slope / gradient,
-        (radius / 3.0) ** 2,
-    )
-    sight_distance = 0.278 * speed * 2.5 + 0.039 * speed**2 / 3.4
-    return {
-        "min_radius": radius,
-        "min_clothoid": math.sqrt(clothoid_square),
-        "min_arc": speed / 1.8,
-        "min_straight": 6.0 * speed if speed >= 60.0 else speed / 1.8,
-        "min_crest": 100.0 * sight_distance**2 / 658.0,
-        "min_sag": 100.0 * speed**2 / 395.0,
-    }
+    source = rules.sources.get(rule, "")
+    return f"{fact}: {rules.name} needs {needed}" + (f" ({source})" if source else "")
 
 
-def friction_at(speed: float) -> float:
-    """Return the side friction factor for a design speed in km/h."""
-    return float(np.interp(speed, SPEEDS, _FRICTION))
+def _curvature_breaches(rules: RoadClass, road: Road) -> Iterator[str]:
+    """Yield bends and clothoids that are too sharp, in words."""
+    values, step = road.curvatures, road.step
+    for i in indices_of(np.abs(values) > rules.max_curvature * (1.0 + _SHARE_ROUNDING)):
+        fact = f"A radius of {1.0 / abs(values[i]):.0f} m at {i * step:.0f} m"
+        yield _breach_text(rules, "min_radius", fact, f"at least {rules.min_radius:g} m")
+    changes = np.abs(np.diff(values)) / step
+    for i in indices_of(changes > (1.0 + _SHARE_ROUNDING) / rules.min_clothoid**2):
+        fact = f"A clothoid with A of {1.0 / math.sqrt(changes[i]):.0f} m at {i * step:.0f} m"
+        yield _breach_text(rules, "min_clothoid", fact, f"at least {rules.min_clothoid:g} m")
+
+
+def _length_breaches(rules: RoadClass, road: Road) -> Iterator[str]:
+    """Yield arcs, and straights between bends to the same side, that are too short."""
+    step = road.step
+    for part in steady_parts(road.curvatures):
+        length, start = (part.last - part.first) * step, part.first * step
+        if abs(part.curvature) > NO_CHANGE:
+            least, rule, fact = rules.min_arc, "min_arc", f"An arc of {length:.0f} m"
+        elif part.before * part.after > 0.0:
+            least, rule = rules.min_straight, "min_straight"
+            fact = f"A straight of {length:.0f} m between bends to the same side"
+        else:
+            continue
+        if length < least - _LENGTH_ROUNDING:
+            yield _breach_text(rules, rule, f"{fact} at {start:.0f} m", f"at least {least:g} m")
+
+
+def _superelevation_breaches(rules: RoadClass, road: Road) -> Iterator[str]:
+    """Yield slopes across the road that are too steep, and bends that lean too little."""
+    stations, curvatures = knots(road, road.superelevation)
+    slopes = profile.value_at(road.superelevation, stations)
+    steepest = rules.max_superelevation
+    for i in indices_of(np.abs(slopes) > steepest * (1.0 + _SHARE_ROUNDING) + _SLOPE_ROUNDING):
+        fact = f"A superelevation of {100.0 * abs(slopes[i]):.1f} % at {stations[i]:.0f} m"
+        needed = f"at most {100.0 * steepest:g} %"
+        yield _breach_text(rules, "max_superelevation", fact, needed)
+    # Side friction that a car needs at the design speed: V²/(127 R) less what the slope carries,
+    # whose sign is opposite to the curvature's. Most is needed at the least radius.
+    demand = rules.design_speed**2 / 127.0 * curvatures + slopes
+    most = rules.design_speed**2 / 127.0 * rules.max_curvature - rules.max_superelevation
+    for i in indices_of(np.abs(demand) > max(most, 0.0) + _FRICTION_ROUNDING):
+        radius = 1.0 / max(abs(float(curvatures[i])), 1e-9)
+        fact = (
+            f"A side friction of {abs(demand[i]):.2f} at {stations[i]:.0f} m, in a radius of"
+            f" {radius:.0f} m with {100.0 * abs(slopes[i]):.1f} % of superelevation"
+        )
+        yield _breach_text(rules, "min_radius", fact, f"at most {max(most, 0.0):.2f}")
+
+
+def _grade_breaches(rules: RoadClass, road: Road) -> Iterator[str]:
+    """Yield slopes along the road that are too steep, and crests and sags too sharp."""
+    pairs = profile.cut(road.grade, 0.0, road.length)
+    for i in indices_of(
+        np.abs(pairs[:, 1]) > rules.max_grade * (1.0 + _SHARE_ROUNDING) + _SLOPE_ROUNDING
+    ):
+        fact = f"A grade of {100.0 * pairs[i, 1]:.1f} % at {pairs[i, 0]:.0f} m"
+        yield _breach_text(rules, "max_grade", fact, f"at most {100.0 * rules.max_grade:g} %")
+    for (start, before), (end, after) in pairwise(pairs):
+        bend = (after - before) / (end - start)
+        word, rule = ("crest", "min_crest") if bend < 0.0 else ("sag", "min_sag")
+        least = getattr(rules, rule)
+        if abs(bend) * least > 1.0 + _CREST_ROUNDING:
+            fact = f"A {word} of {1.0 / abs(bend):.0f} m radius at {start:.0f} m"
+            yield _breach_text(rules, rule, fact, f"at least {least:g} m")
+
+
+def _width_breaches(rules: RoadClass, road: Road) -> Iterator[str]:
+    """Yield lanes that are too narrow, on straights or in bends."""
+    if road.lane_width < rules.lane_width * (1.0 - _SHARE_ROUNDING):
+        fact = f"The lanes are {road.lane_width:g} m wide"
+        yield _breach_text(rules, "lane_width", fact, f"at least {rules.lane_width:g} m")
+    stations, curvatures = knots(road, road.widening)
+    widths = road.lane_width + profile.value_at(road.widening, stations)
+    needed = rules.lane_width + rules.widening * np.abs(curvatures)
+    for i in indices_of(widths < needed * (1.0 - _SHARE_ROUNDING)):
+        fact = f"A lane of {widths[i]:.2f} m in a radius of {1.0 / abs(curvatures[i]):.0f} m"
+        fact += f" at {stations[i]:.0f} m"
+        yield _breach_text(rules, "widening", fact, f"at least {needed[i]:.2f} m")
 
 
 # Names

@@ -18,7 +18,8 @@ import numpy as np
 from frenetic._support.arrays import FloatArray
 from frenetic.errors import FreneticError
 from frenetic.road import geometry, profile
-from frenetic.road.classes import SPEEDS, RoadClass, friction_at
+from frenetic.road.class_formulas import SPEEDS, friction_at
+from frenetic.road.classes import RoadClass
 from frenetic.road.files import find_roads
 from frenetic.road.road import Road
 from frenetic.road.steady_parts import knots
@@ -190,7 +191,7 @@ def _bend_limits(roads: Sequence[Road]) -> tuple[float, float, float]:
         if speed**2 / 127.0 * curvature <= superelevation + friction_at(speed)
     ]
     speed = float(max(speeds, default=SPEEDS[0]))
-    # Side friction by V² / (127 R), as for the least radius in `frenetic.road.classes`.
+    # Side friction by V² / (127 R), as for the least radius in `class_formulas`.
     square = speed**2 / 127.0
     friction = max(
         float(np.abs(square * curvatures + slopes).max()) for curvatures, slopes in bends
