@@ -24,9 +24,9 @@ from frenetic.campaign.configuration import owner_of
 from frenetic.campaign.record import Test
 from frenetic.campaign.store import CampaignStore
 from frenetic.errors import RoadError
+from frenetic.oracle.assessment import assess
 from frenetic.oracle.drive import Drive
 from frenetic.oracle.outcome import Outcome
-from frenetic.oracle.verdict import assess
 from frenetic.road import Road, Verdict
 from frenetic.road.validity import interpolate
 

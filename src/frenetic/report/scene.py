@@ -18,9 +18,10 @@ from frenetic._support.arrays import FloatArray
 from frenetic._support.words import capitalised
 from frenetic.campaign.record import Test
 from frenetic.criteria.criterion import DRIVER, signal_named
+from frenetic.oracle.assessment import Assessment, assess
 from frenetic.oracle.drive import Drive, Trajectory
 from frenetic.oracle.outcome import Outcome
-from frenetic.oracle.verdict import Assessment, Result, assess, judge
+from frenetic.oracle.verdict import Result, judge
 from frenetic.report.orientation import edge_of, edges_of, turned
 from frenetic.report.style import INK, MARGIN, POINT, QUIET, WIDTH, Paper
 from frenetic.report.view import Box, Labels, View

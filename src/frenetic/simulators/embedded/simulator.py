@@ -33,9 +33,10 @@ from frenetic.drivers.driver import (
 from frenetic.drivers.laws import setup_array
 from frenetic.drivers.wrappers import Noisy, compiled_form
 from frenetic.errors import DriverError, Trouble
+from frenetic.oracle.assessment import rules_array
 from frenetic.oracle.drive import Drive, Rules, Trajectory
 from frenetic.oracle.outcome import Outcome
-from frenetic.oracle.verdict import judge, rules_array
+from frenetic.oracle.verdict import judge
 from frenetic.road import Road
 from frenetic.simulators.capabilities import check_road
 from frenetic.simulators.checks import SimulatorCheck
