@@ -22,7 +22,7 @@ import pytest
 from frenetic import Budget, Campaign, CampaignStore, road
 from frenetic.conditions.condition import known_conditions
 from frenetic.drivers import Observation, Planner
-from frenetic.drivers.driver import scene_of
+from frenetic.drivers.stack import scene_of
 from frenetic.oracle import verdict
 from frenetic.oracle.outcome import Outcome
 from frenetic.oracle.verdict import judge

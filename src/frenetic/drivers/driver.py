@@ -3,18 +3,14 @@
 from __future__ import annotations
 
 import math
-import signal
-import traceback
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, ClassVar, Final, Protocol, runtime_checkable
+from typing import TYPE_CHECKING, Any, Final, Protocol, runtime_checkable
 
 import numpy as np
 
 from frenetic._support.arrays import FloatArray
-from frenetic.drivers.camera import Camera, Scene
-from frenetic.errors import ControlsError, DriverError, FreneticError, describe_raised
+from frenetic.drivers.camera import Camera
+from frenetic.errors import FreneticError
 
 if TYPE_CHECKING:
     from frenetic.drivers.camera import Image
@@ -28,10 +24,6 @@ AHEAD_POINTS = 40
 DRAG_FADE_SPEED: Final = 0.5
 """Rolling speed below which brakes and `DriveSetup.rolling_drag` fade out, in m/s, for a smooth
 stop."""
-PERIODS: Final = (0.01, 0.2)
-"""Shortest and longest period that a driver may ask for, in s."""
-MOST_STEERING: Final = 1e9
-"""Largest angle that a driver may ask for, in rad: a campaign's database holds it."""
 MOST_LANE_POINTS: Final = 100_000
 """Points of the longest `Observation.lane`."""
 
@@ -243,217 +235,3 @@ class CameraDriver(Driver, Protocol):
 
     camera: Camera
     """The driver's camera, the same in every drive."""
-
-
-class OwnWrapper:
-    """Base of our own wrappers: a drive begins for the driver underneath, too.
-
-    Args:
-        driver: the driver underneath.
-    """
-
-    BEHAVIOUR: ClassVar[int] = 1
-    """Raised when the wrapper's effect changes, as a driver's is."""
-    place: ClassVar[int]
-    """Rank among the wrappers around a driver, from the outermost, 0; each class has its own."""
-
-    def __init__(self, driver: Driver) -> None:
-        self.driver = driver
-
-    def reset(self, setup: DriveSetup) -> None:
-        """Prepare for the next drive."""
-        self.driver.reset(setup)
-
-    def act(self, observation: Observation) -> Controls:
-        """Return the driver's controls."""
-        return self.driver.act(observation)
-
-    def in_scene(self, scene: Scene) -> Scene:
-        """Return the scene that a camera sees in place of a scene."""
-        return scene
-
-    @property
-    def options(self) -> dict[str, float]:
-        """Options of the wrapper, which are its public attributes."""
-        return {k: v for k, v in vars(self).items() if k != "driver" and not k.startswith("_")}
-
-
-def unwrapped(driver: Driver) -> Driver:
-    """Return the driver itself, without wrappers of ours over it."""
-    while isinstance(driver, OwnWrapper):
-        driver = driver.driver
-    return driver
-
-
-def inner_driver(driver: object) -> Driver | None:
-    """Return the driver under a wrapper; None if the object is no wrapper."""
-    inner = getattr(driver, "driver", None)
-    return inner if inner is not None and isinstance(inner, Driver) else None
-
-
-def stack_of(driver: Driver) -> Iterator[Driver]:
-    """Yield a driver and the drivers under it, the outermost first."""
-    under: Driver | None = driver
-    while under is not None:
-        yield under
-        under = inner_driver(under)
-
-
-def camera_of(driver: Driver) -> Camera | None:
-    """Return the camera of a driver or of the driver under its wrappers; None without a camera.
-
-    Raises:
-        DriverError: The attribute ``camera`` is not a `Camera`.
-    """
-    for part in stack_of(driver):
-        camera = getattr(part, "camera", None)
-        if isinstance(camera, Camera):
-            return camera
-        if camera is not None:
-            raise DriverError(
-                f"the driver's camera is {repr(camera)[:60]}: a frenetic.Camera is needed"
-            )
-    return None
-
-
-def period_of(driver: Driver, step: float | None) -> float | None:
-    """Return the period that a driver or the driver under its wrappers asks for, in s, or None.
-
-    Args:
-        driver: Any driver.
-        step: s of which a simulator allows multiples; None if its period is fixed.
-
-    Raises:
-        DriverError: The ``period`` is not 0.01 to 0.2 s, or the simulator cannot keep it.
-    """
-    periods = (getattr(part, "period", None) for part in stack_of(driver))
-    period = next((value for value in periods if value is not None), None)
-    if period is None:
-        return None
-    low, high = PERIODS
-    if not isinstance(period, (int, float)) or not low <= period <= high:
-        raise DriverError(
-            f"the driver's period is {repr(period)[:40]}: {low:g} to {high:g} s are needed"
-        )
-    if step is None:
-        raise DriverError(
-            f"the driver's period is {period:g} s, and this simulator cannot change its own: use"
-            " another, such as the embedded one"
-        )
-    if abs(period / step - round(period / step)) > 1e-6:
-        raise DriverError(
-            f"the driver's period is {period:g} s: this simulator allows multiples of {step:g} s"
-        )
-    return float(period)
-
-
-def scene_of(driver: Driver) -> Scene:
-    """Return the scene that a driver's wrappers ask for."""
-    scene = Scene()
-    for wrapper in stack_of(driver):
-        if isinstance(wrapper, OwnWrapper):
-            scene = wrapper.in_scene(scene)
-    return scene
-
-
-def check_other_world(driver: Driver, world: str) -> None:
-    """Refuse a driver whose camera or scene a simulator with a world of its own cannot draw.
-
-    Args:
-        driver: The driver; without a camera it is accepted.
-        world: Name of the simulator.
-
-    Raises:
-        DriverError: The camera's lens is distorted, or a wrapper changes the scene.
-    """
-    camera = camera_of(driver)
-    if camera is None:
-        return
-    if camera.distortion != 0.0:
-        raise DriverError(
-            f"{world}'s camera has no distortion: the driver's has {camera.distortion:g}, where 0"
-            " is needed"
-        )
-    if scene_of(driver) != Scene():
-        raise DriverError(
-            f"{world} draws its own world: leave out scene and wear, or give them 0 where a"
-            " campaign has them"
-        )
-
-
-@contextmanager
-def blaming_driver() -> Iterator[None]:
-    """Turn an error of a driver into a `DriverError` that says where in its code it was raised.
-
-    A `KeyboardInterrupt` stays one where it may be Ctrl-C.
-    """
-    try:
-        yield
-    except DriverError:
-        raise
-    except BaseException as error:
-        is_driver = signal.getsignal(signal.SIGINT) is signal.SIG_IGN
-        if isinstance(error, KeyboardInterrupt) and not is_driver:
-            raise
-        raise DriverError(f"the driver raised {describe_raised(error)}") from error
-
-
-def is_of_driver(error: BaseException, driver: Driver) -> bool:
-    """Return whether a call of the driver, or of a driver under its wrappers, raised an error."""
-    codes = {
-        getattr(getattr(type(part), name, None), "__code__", None)
-        for part in stack_of(driver)
-        for name in ("reset", "act")
-    }
-    return any(frame.f_code in codes for frame, _ in traceback.walk_tb(error.__traceback__))
-
-
-def checked_controls(controls: Any) -> tuple[float, float, float]:
-    """Return steering, throttle and brake of a driver's answer, pedals cut to 0..1.
-
-    Raises:
-        ControlsError: The answer is not `Controls`, a value is not a finite number, or the steering
-            is more than `MOST_STEERING`.
-    """
-    if not isinstance(controls, Controls):
-        raise ControlsError(
-            f"the driver returned {type(controls).__name__} instead of frenetic.Controls"
-        )
-    steering, throttle, brake = controls.steering, controls.throttle, controls.brake
-    if not (
-        type(steering) is type(throttle) is type(brake) is float
-        and math.isfinite(throttle + brake)
-        and -MOST_STEERING <= steering <= MOST_STEERING
-    ):
-        steering, throttle, brake = _numbers(controls)
-    return steering, min(max(throttle, 0.0), 1.0), min(max(brake, 0.0), 1.0)
-
-
-def _short_repr(value: object) -> str:
-    """Return the beginning of a value's repr, or its class where the repr fails."""
-    try:
-        return repr(value)[:40]
-    except Exception:  # a whole number may be too long, and foreign code may raise anything
-        return f"<{type(value).__name__}>"
-
-
-def _numbers(controls: Controls) -> tuple[float, float, float]:
-    values = []
-    for name in ("steering", "throttle", "brake"):
-        value = getattr(controls, name)
-        try:
-            number = math.nan if isinstance(value, (str, bytes)) else float(value)
-        except (TypeError, ValueError, OverflowError):
-            number = math.nan
-        if not math.isfinite(number):
-            raise ControlsError(
-                f"the driver returned {name} = {_short_repr(value)}, not a finite number"
-            )
-        values.append(number)
-    steering, throttle, brake = values
-    if abs(steering) > MOST_STEERING:
-        raise ControlsError(
-            f"the driver returned steering = {steering:g}: an angle of at most"
-            f" {MOST_STEERING:g} rad is needed"
-        )
-    return steering, throttle, brake

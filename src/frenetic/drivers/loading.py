@@ -8,7 +8,8 @@ from collections.abc import Mapping
 from typing import Any
 
 from frenetic.conditions.condition import SEED, condition_named
-from frenetic.drivers.driver import Driver, OwnWrapper
+from frenetic.drivers.driver import Driver
+from frenetic.drivers.stack import OwnWrapper
 from frenetic.errors import FreneticError
 from frenetic.parts.registry import DRIVERS
 

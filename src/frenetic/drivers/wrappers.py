@@ -26,8 +26,8 @@ from frenetic.drivers.driver import (
     Driver,
     DriveSetup,
     Observation,
-    OwnWrapper,
 )
+from frenetic.drivers.stack import OwnWrapper
 
 HEADING_PER_OFFSET: Final = 0.1
 """Heading error per lateral error, in rad per m, where only the lateral error is given."""

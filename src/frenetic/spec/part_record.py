@@ -57,7 +57,7 @@ def describe(part: object, construction: Construction | None = None) -> dict[str
             of a part of your own (`frenetic.parts.registry.arguments_of`).
     """
     from frenetic.drivers.camera import Camera  # numpy takes its time
-    from frenetic.drivers.driver import inner_driver  # numpy takes its time
+    from frenetic.drivers.stack import inner_driver  # numpy takes its time
 
     record: dict[str, JSONValue] = {"class": _class_name(type(part))}
     inner = inner_driver(part)
@@ -83,7 +83,7 @@ def describe_terms() -> dict[str, str]:
 
 def sources_of(part: object, construction: Construction | None = None) -> dict[str, str]:
     """Return a user's sources of a part and of the parts under it: name of a file -> its text."""
-    from frenetic.drivers.driver import inner_driver  # numpy takes its time
+    from frenetic.drivers.stack import inner_driver  # numpy takes its time
 
     inner = inner_driver(part)
     arguments = _options_and_arguments(part, construction, has_inner=inner is not None)
