@@ -14,20 +14,22 @@ from frenetic.drivers.driver import Controls, Driver, DriveSetup, Observation
 from frenetic.errors import DriverError
 
 PERIODS: Final = (0.01, 0.2)
-"""Shortest and longest period that a driver may ask for, in s."""
+"""Shortest and longest control period that a driver may ask for, in s; our choice."""
+_PERIOD_ROUNDING: Final = 1e-6
+"""Number of steps by which a period may miss a whole number of a simulator's steps; our choice."""
 
 
 class OwnWrapper:
-    """Base of our own wrappers: a drive begins for the driver underneath, too.
+    """Base of Frenetic's own wrappers; it passes every call on to the driver underneath.
 
     Args:
         driver: the driver underneath.
     """
 
     BEHAVIOUR: ClassVar[int] = 1
-    """Raised when the wrapper's effect changes, as a driver's is."""
+    """Version of the wrapper's effect: increase it when the effect changes."""
     place: ClassVar[int]
-    """Place among the wrappers over a driver, from the outermost, 0."""
+    """Position of the wrapper in a stack, counted from the outermost wrapper, 0."""
 
     def __init__(self, driver: Driver) -> None:
         self.driver = driver
@@ -41,17 +43,21 @@ class OwnWrapper:
         return self.driver.act(observation)
 
     def in_scene(self, scene: Scene) -> Scene:
-        """Return the scene that a camera sees in place of a scene."""
+        """Return the scene that the driver's camera sees, by default the passed scene."""
         return scene
 
     @property
     def options(self) -> dict[str, float]:
-        """Options of the wrapper, which are its public attributes."""
-        return {k: v for k, v in vars(self).items() if k != "driver" and not k.startswith("_")}
+        """Options of the wrapper by name: its public attributes."""
+        return {
+            name: value
+            for name, value in vars(self).items()
+            if name != "driver" and not name.startswith("_")
+        }
 
 
 def unwrapped(driver: Driver) -> Driver:
-    """Return the driver itself, without wrappers of ours over it."""
+    """Return the driver without Frenetic's own wrappers over it."""
     while isinstance(driver, OwnWrapper):
         driver = driver.driver
     return driver
@@ -72,10 +78,10 @@ def stack_of(driver: Driver) -> Iterator[Driver]:
 
 
 def camera_of(driver: Driver) -> Camera | None:
-    """Return the camera of a driver or of the driver under its wrappers; None without a camera.
+    """Return the outermost camera in a driver's stack; None without a camera.
 
     Raises:
-        DriverError: The attribute ``camera`` is not a `Camera`.
+        DriverError: the attribute ``camera`` is not a `Camera`.
     """
     for part in stack_of(driver):
         camera = getattr(part, "camera", None)
@@ -89,14 +95,14 @@ def camera_of(driver: Driver) -> Camera | None:
 
 
 def period_of(driver: Driver, step: float | None) -> float | None:
-    """Return the period that a driver or the driver under its wrappers asks for, in s, or None.
+    """Return the control period that a driver's stack asks for, in s; None if it asks for none.
 
     Args:
-        driver: Any driver.
-        step: s of which a simulator allows multiples; None if its period is fixed.
+        driver: the driver with its wrappers.
+        step: step in s of which the simulator's periods are multiples; None if its period is fixed.
 
     Raises:
-        DriverError: The ``period`` is not 0.01 to 0.2 s, or the simulator cannot keep it.
+        DriverError: the ``period`` is not 0.01 to 0.2 s, or the simulator does not allow it.
     """
     periods = (getattr(part, "period", None) for part in stack_of(driver))
     period = next((value for value in periods if value is not None), None)
@@ -112,7 +118,7 @@ def period_of(driver: Driver, step: float | None) -> float | None:
             f"the driver's period is {period:g} s, and this simulator cannot change its own: use"
             " another, such as the embedded one"
         )
-    if abs(period / step - round(period / step)) > 1e-6:
+    if abs(period / step - round(period / step)) > _PERIOD_ROUNDING:
         raise DriverError(
             f"the driver's period is {period:g} s: this simulator allows multiples of {step:g} s"
         )
@@ -120,7 +126,7 @@ def period_of(driver: Driver, step: float | None) -> float | None:
 
 
 def scene_of(driver: Driver) -> Scene:
-    """Return the scene that a driver's wrappers ask for."""
+    """Return the scene that the camera of a driver sees, as its wrappers change it."""
     scene = Scene()
     for wrapper in stack_of(driver):
         if isinstance(wrapper, OwnWrapper):
@@ -129,14 +135,14 @@ def scene_of(driver: Driver) -> Scene:
 
 
 def check_other_world(driver: Driver, world: str) -> None:
-    """Refuse a driver whose camera or scene a simulator with a world of its own cannot draw.
+    """Refuse a driver whose images a simulator that draws its own world cannot draw.
 
     Args:
-        driver: The driver; without a camera it is accepted.
-        world: Name of the simulator.
+        driver: the driver; without a camera it is accepted.
+        world: name of the simulator, for the message.
 
     Raises:
-        DriverError: The camera's lens is distorted, or a wrapper changes the scene.
+        DriverError: the camera's lens is distorted, or a wrapper changes the scene.
     """
     camera = camera_of(driver)
     if camera is None:
