@@ -15,7 +15,7 @@ import numpy as np
 from frenetic._support.arrays import FloatArray
 from frenetic._support.compiled import njit
 from frenetic.oracle.lane_share import share_outside
-from frenetic.road.geometry import heading_at, project_global, project_near, reach_of
+from frenetic.road.geometry import X, Y, heading_at, project_global, project_near, reach_of
 from frenetic.road.profile import value_at
 
 if TYPE_CHECKING:
@@ -96,7 +96,7 @@ def assess_record(
         end = LEFT_LANE
     elif (
         # Near the end of the centre line; or beyond it, on a lane so wide that the car is not near.
-        math.hypot(x - table[last, 0], y - table[last, 1]) <= goal and s >= last * ds - 2.0 * goal
+        math.hypot(x - table[last, X], y - table[last, Y]) <= goal and s >= last * ds - 2.0 * goal
     ) or (s >= last * ds - _LENGTH_ROUNDING and -lane_width <= d <= 0.0):
         end = REACHED
     elif _is_stuck(times, xs, ys, i, stuck_distance, stuck_time):

@@ -13,7 +13,7 @@ import numpy as np
 
 from frenetic._support.arrays import FloatArray
 from frenetic._support.compiled import njit
-from frenetic.road.geometry import frame_at, widening_at
+from frenetic.road.geometry import CURVATURE, frame_at, widening_at
 
 SECTION = 0.5
 """Distance between two cross-sections of the lane, in m; our choice.
@@ -75,7 +75,7 @@ def _sharpest_curvature(table: FloatArray, ds: float, start: float, end: float) 
         min(max(int(start / ds), 0), last),
         min(max(int(end / ds) + 1, 0), last) + 1,
     ):
-        sharpest = max(sharpest, abs(table[i, 3]))
+        sharpest = max(sharpest, abs(table[i, CURVATURE]))
     return sharpest
 
 
