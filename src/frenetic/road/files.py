@@ -22,7 +22,8 @@ from frenetic.road.classes import RoadClass
 from frenetic.road.opendrive import RoadMap, Stretch
 from frenetic.road.opendrive.following import SLOPE_ERROR, WIDTH_ERROR
 from frenetic.road.opendrive.ids import quoted_id
-from frenetic.road.road import MAX_COORDINATE, MIN_DISTANCE, START, Road
+from frenetic.road.road import Road
+from frenetic.road.road_values import MAX_COORDINATE, MIN_DISTANCE, START
 from frenetic.road.validity import LANE_WIDTH, MAP_SIZE, Verdict, check_validity
 
 MAX_BYTES: Final = 8 * 2**20

@@ -15,7 +15,7 @@ from frenetic.conditions.domain import Domain
 from frenetic.oracle.drive import CarBody, Rules
 from frenetic.road import LANE_WIDTH, MAP_MARGIN, MAP_SIZE
 from frenetic.road.classes import RoadClass
-from frenetic.road.road import MAX_COORDINATE, checked_lane_width
+from frenetic.road.road_values import MAX_COORDINATE, checked_lane_width
 from frenetic.simulators.conditions import check_conditions, rules_in
 
 

@@ -22,7 +22,8 @@ from frenetic.road.opendrive.traced_line import (
     X,
     Y,
 )
-from frenetic.road.road import MAX_CURVATURE, MAX_SAMPLES, Pose, Road
+from frenetic.road.road import Road
+from frenetic.road.road_values import MAX_CURVATURE, MAX_SAMPLES, Pose
 
 STEPS: Final = (0.5, 0.25, 0.1)
 """Steps of a road that follows a line, in m, in the order in which they are tried; ours."""

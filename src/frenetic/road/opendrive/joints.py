@@ -27,7 +27,7 @@ from frenetic.road.opendrive.traced_line import (
     set_distances,
 )
 from frenetic.road.opendrive.xml_elements import number_of
-from frenetic.road.road import MIN_DISTANCE
+from frenetic.road.road_values import MIN_DISTANCE
 
 TURN: Final = math.radians(2.0)
 """Largest change of heading from the end of a road to the start of the next, in rad; ours."""

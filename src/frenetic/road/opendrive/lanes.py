@@ -31,7 +31,7 @@ from frenetic.road.opendrive.xml_elements import (
     is_true,
     number_of,
 )
-from frenetic.road.road import MAX_SPEED_LIMIT, MIN_DISTANCE, MIN_SPEED_LIMIT
+from frenetic.road.road_values import MAX_SPEED_LIMIT, MIN_DISTANCE, MIN_SPEED_LIMIT
 
 LEVEL: Final = 1e-3
 """Largest coefficient of a crossfall or shape that is ignored, in m/m and higher orders; ours."""

@@ -43,7 +43,8 @@ from frenetic.road.opendrive.lanes import (
 from frenetic.road.opendrive.traced_line import DISTANCE
 from frenetic.road.opendrive.writing import PROFILE_CODE, ROAD_CODE, add_road
 from frenetic.road.opendrive.xml_elements import number_of, parse_xml
-from frenetic.road.road import MAX_HEADING, Pose, Road
+from frenetic.road.road import Road
+from frenetic.road.road_values import MAX_HEADING, Pose
 
 _LANE_TAGS: Final = frozenset(
     [

@@ -23,7 +23,7 @@ from frenetic.road.opendrive.traced_line import (
     close_gaps,
 )
 from frenetic.road.opendrive.xml_elements import coefficients_of, number_of
-from frenetic.road.road import MAX_CURVATURE, MAX_HEADING, MAX_LENGTH, MIN_DISTANCE
+from frenetic.road.road_values import MAX_CURVATURE, MAX_HEADING, MAX_LENGTH, MIN_DISTANCE
 
 STEP_ASIDE: Final = 2.0 * TOLERANCE
 """Largest gap sideways between two geometries, in m: its middle is `TOLERANCE` from both ends."""

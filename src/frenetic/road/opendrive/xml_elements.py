@@ -12,7 +12,7 @@ import numpy as np
 
 from frenetic._support.arrays import FloatArray
 from frenetic.errors import RoadError
-from frenetic.road.road import MAX_COORDINATE
+from frenetic.road.road_values import MAX_COORDINATE
 
 MAX_ELEMENTS: Final = 1_000_000
 """Most elements of a file; ours: a map of a town has 200,000."""
