@@ -29,7 +29,7 @@ from frenetic.plugins.twin.profile import TwinProfile
 from frenetic.report import draw_road
 from frenetic.rerun.junit import write_junit
 from frenetic.rerun.rerun import rerun
-from frenetic.road.files import find_roads
+from frenetic.road.folders import find_roads
 from frenetic.spec import Spec
 from frenetic.testing import DummyDriver, DummySimulator
 

@@ -18,7 +18,8 @@ from hypothesis import strategies as st
 
 from frenetic.errors import RoadError
 from frenetic.road import Road, profile
-from frenetic.road.files import find_roads, read_road
+from frenetic.road.files import read_road
+from frenetic.road.folders import find_roads
 from frenetic.road.opendrive import RoadMap, to_opendrive
 from frenetic.road.opendrive.ids import quoted_id
 

@@ -20,7 +20,7 @@ from frenetic.errors import FreneticError
 from frenetic.road import geometry, profile
 from frenetic.road.class_formulas import SPEEDS, friction_at
 from frenetic.road.classes import RoadClass
-from frenetic.road.files import find_roads
+from frenetic.road.folders import find_roads
 from frenetic.road.road import Road
 from frenetic.road.steady_parts import knots
 

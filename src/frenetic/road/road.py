@@ -184,7 +184,7 @@ class Road:
     def table(self) -> FloatArray:
         """The centre line cut into sub-steps, for the kernels of `frenetic.road.geometry`.
 
-        An array (M, 6), or (M, 7) if the road widens; see there for its columns.
+        An array (M, 6), or (M, 7) if the road widens; that module lists its columns.
         """
         table: FloatArray = geometry.build_table(
             self.curvatures, self.step, *self.pose, self._rows_per_step

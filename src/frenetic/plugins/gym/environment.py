@@ -23,7 +23,7 @@ from frenetic.oracle.assessment import RUNNING
 from frenetic.oracle.outcome import Outcome
 from frenetic.plugins.gym.cars import START, STEP, WAIT, Cars, Seen, checked_actions
 from frenetic.road import MAP_SIZE, Road
-from frenetic.road.files import find_roads
+from frenetic.road.folders import find_roads
 from frenetic.search.random_roads import RandomRoads
 from frenetic.simulators import Drive, EmbeddedSimulator
 
