@@ -233,7 +233,7 @@ def _of_map(
             if stretch.road.length - place < MIN_REST_TIME * float(rest_limits.max()) / 3.6:
                 return None
             try:
-                (rest,) = road_map.stretches(stretch.behind(place), lane=lane)
+                (rest,) = road_map.stretches(stretch.rest_name(place), lane=lane)
             except RoadError:
                 return None
             return asked(rest)
