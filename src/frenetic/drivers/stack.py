@@ -1,7 +1,7 @@
 """A driver under its wrappers, called a stack: its members, and what a simulator asks of them.
 
-A stack may have any drivers in it. A wrapper of ours is an `OwnWrapper`; a user's wrapper is any
-driver with another driver in its attribute ``driver``.
+Frenetic's own wrappers derive from `OwnWrapper`. A user's wrapper may be any driver with another
+driver in its attribute ``driver``.
 """
 
 from __future__ import annotations
