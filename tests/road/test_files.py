@@ -112,7 +112,7 @@ HUGE = int("1" * 400)
         ("[[0, 0, NaN], [10, 0, 0]]", "a height and a width of at most"),
         ([[0, 0, 0], [10, 0, 9], [20, 0, 18]], "grade is 0.9 at 0 m"),
         ({"road_points": [[0, 0, 0], [9, 0, 0]], "grade": [[0, 0.1]]}, "have what 'grade' has"),
-        ({"road_points": [[0, 0, 0, 8], [9, 0, 0, 8]], "lane_width": 4}, "'lane_width' says, too"),
+        ({"road_points": [[0, 0, 0, 8], [9, 0, 0, 8]], "lane_width": 4}, "'lane_width' has, too"),
         ({"road_points": [[0, 0], {"x": 1}]}, r"missing required field `y` - at `\$.road_points"),
         ({"road_points": [[0, 0], [0, 0]]}, "are the same"),
         ({"road_points": [[0, 0], [1e308, 0], [-1e308, 0]]}, "from the origin"),
