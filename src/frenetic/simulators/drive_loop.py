@@ -1,9 +1,10 @@
-"""One drive of a car that a simulator in Python moves, record by record."""
+"""The loop of a drive with a driver or a simulator in Python: observe, decide, move, record."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import replace
 from time import perf_counter
 from typing import Any, Final, Protocol
@@ -22,51 +23,62 @@ from frenetic.road import Road
 from frenetic.simulators.observer import Observer
 
 RECORD_PERIOD: Final = 0.05
-"""Time between two records, in s: 20 Hz; also between two decisions, unless the driver asks for
-another period."""
+"""Time between two records, in s (20 Hz). It is also the time between two decisions, unless the
+driver has another period."""
+_ROWS_AFTER_TIMEOUT: Final = 2
+"""Records beyond the whole periods before the timeout: the record at 0 s, and the one after the
+timeout, which ends every drive."""
 
 
 class MovedCar(Protocol):
-    """A car that a simulator moves; at first it stands at the start of the road."""
+    """A car that a simulator moves. A new one stands at the start of the road."""
 
     def motion(self) -> Sequence[float]:
-        """Return the columns of a `Trajectory` from ``x`` to ``steering``, the heading unwrapped.
+        """Return the columns ``x`` to ``steering`` of a `Trajectory` now, the heading unwrapped.
 
-        A car that drives itself adds the columns of its controls.
+        A car that drives itself appends the columns of its controls.
         """
 
     def picture(self) -> Image | None:
         """Return what the driver's camera sees now; None without a camera."""
 
     def advance(self, steering: float, throttle: float, brake: float, seconds: float) -> None:
-        """Move the car on."""
+        """Move the car for some simulated time.
+
+        Args:
+            steering: Angle asked of the front wheels, in rad, positive to the left.
+            throttle: Throttle, 0..1.
+            brake: Brake, 0..1.
+            seconds: Simulated time, in s.
+        """
 
 
-class _AskedDriver:
-    """A driver with the time that its answers take."""
+class _TimedDriver:
+    """A driver, the time that its answers take, and whether its answer is awaited."""
 
     def __init__(self, driver: Driver) -> None:
         self._driver = driver
-        self._turn = object_host.turn
+        self._turn = object_host.turn  # shared with the process that watches this one
         self.is_awaited = False
-        """Whether it is the driver's turn."""
+        """Whether the driver's code runs: what breaks now is the driver's fault."""
         self.seconds = 0.0
         """Wall time that the driver's answers have taken, in s."""
 
     def reset(self, setup: DriveSetup, period_step: float) -> float:
         """Prepare the driver for a drive; return the period of its decisions, in s."""
-        self._set_turn(True)
+        self._set_turn(is_drivers=True)
         period = period_of(self._driver, period_step) or setup.period
         self._ask("reset", replace(setup, period=period))
         return period
 
     def act(self, observation: Observation) -> tuple[float, float, float]:
-        """Return the driver's steering, throttle and brake."""
+        """Return the steering in rad, throttle and brake that the driver decides on."""
         controls: tuple[float, float, float] = self._ask("act", observation)
         return controls
 
     def _ask(self, method: str, argument: DriveSetup | Observation) -> Any:
-        self._set_turn(True)
+        """Call a method of the driver and measure the time; it stays awaited if it raises."""
+        self._set_turn(is_drivers=True)
         start = perf_counter()
         try:
             answer = getattr(self._driver, method)(argument)
@@ -74,68 +86,61 @@ class _AskedDriver:
                 answer = checked_controls(answer)
         finally:
             self.seconds += perf_counter() - start
-        self._set_turn(False)
+        self._set_turn(is_drivers=False)
         return answer
 
-    def _set_turn(self, is_drivers: bool) -> None:
+    def _set_turn(self, *, is_drivers: bool) -> None:
+        """Note whether the driver's code runs from now on, here and for the watching process."""
         self.is_awaited = self._turn.value = is_drivers
 
 
-def follow(
+def run_drive(
     car: MovedCar,
+    driver: Driver | None,
+    *,
     road: Road,
     rules: Rules,
     body: CarBody,
     setup: DriveSetup,
-    driver: Driver | None,
     limit: float,
-    *,
     period_step: float = RECORD_PERIOD,
     may_stall: bool = False,
 ) -> Drive:
-    """Drive until the rules end the drive; a driver that breaks ends it, too.
+    """Drive until the rules end the drive, or the driver breaks.
 
     Args:
         car: The car that is moved.
+        driver: Driver that is asked every period; None if the car drives itself.
         road: The road under the car.
         rules: Rules by which the drive ends.
         body: The box that the car covers.
-        setup: Setup for the driver, whose own period replaces the setup's.
-        driver: Driver that is asked every period; None if the car drives itself.
-        limit: s of wall time.
-        period_step: s of which a driver's own period is a multiple.
-        may_stall: Whether the simulator itself may need that long.
+        setup: Setup for the driver; a period of the driver replaces the setup's.
+        limit: Wall time that the drive may take, in s.
+        period_step: Time of which a driver's period is a multiple, in s.
+        may_stall: Whether the simulator itself may exceed the wall time. Otherwise the driver is to
+            blame for it, whenever it happens.
 
     Raises:
         FreneticError: The simulator exceeded the wall time while no driver was asked.
     """
-    # The record after the timeout ends every drive.
-    most = math.ceil(rules.timeout(road.length) / RECORD_PERIOD) + 2
-    observer = Observer(road, rules, body, most)
+    max_rows = math.ceil(rules.timeout(road.length) / RECORD_PERIOD) + _ROWS_AFTER_TIMEOUT
+    observer = Observer(road, rules, body, max_rows)
     rows: list[list[float]] = []
     trouble: Trouble | None = None
-    asked = None if driver is None else _AskedDriver(driver)
+    timed = None if driver is None else _TimedDriver(driver)
     try:
-        with wall_limit(limit):
-            try:
-                _drive(car, observer, asked, setup, rows, most, period_step)
-            except WallLimitExceeded:
-                raise
-            except BaseException:
-                if asked is not None and asked.is_awaited:
-                    with blaming_driver():
-                        raise
-                raise
+        with wall_limit(limit), _blaming_awaited(timed):
+            _fill_rows(rows, car, observer, timed, setup, max_rows, period_step)
     except WallLimitExceeded as error:
-        if may_stall and not (asked is not None and asked.is_awaited):
+        if may_stall and not (timed is not None and timed.is_awaited):
             raise FreneticError(
                 f"the simulator did not finish a drive within {limit:g} s of wall time"
                 f" ({len(rows)} records)"
             ) from None
-        at = max(len(rows) - 1, 0) * RECORD_PERIOD
+        driven = max(len(rows) - 1, 0) * RECORD_PERIOD
         text = (
             f"the driver did not finish its drive within {limit:g} s of wall time"
-            f" (it had driven {at:.1f} s{error.place})"
+            f" (it had driven {driven:.1f} s{error.place})"
         )
         trouble = Trouble(text, traceback_of(error), Fault("driver", HANGS))
     except DriverError as error:
@@ -143,42 +148,58 @@ def follow(
     finally:
         object_host.turn.value = False
     path = Trajectory.from_rows(np.array(rows).reshape(-1, len(Trajectory.names())))
-    return Drive(path, body, rules, road, trouble, 0.0 if asked is None else asked.seconds)
+    return Drive(path, body, rules, road, trouble, 0.0 if timed is None else timed.seconds)
 
 
-def _drive(
+@contextmanager
+def _blaming_awaited(driver: _TimedDriver | None) -> Iterator[None]:
+    """Blame the driver for an error while its answer is awaited, except for the wall time's."""
+    try:
+        yield
+    except WallLimitExceeded:
+        raise
+    except BaseException:
+        if driver is not None and driver.is_awaited:
+            with blaming_driver():
+                raise
+        raise
+
+
+def _fill_rows(
+    rows: list[list[float]],
     car: MovedCar,
     observer: Observer,
-    driver: _AskedDriver | None,
+    driver: _TimedDriver | None,
     setup: DriveSetup,
-    rows: list[list[float]],
-    most: int,
+    max_rows: int,
     period_step: float,
 ) -> None:
-    """Move the car and record it in `rows` until the observer ends the drive.
+    """Move the car and record it until the observer ends the drive.
+
+    The rows are an argument, not a result, so that they outlast an error.
 
     Args:
+        rows: Empty; rows of a `Trajectory` are appended as the car moves.
         car: The car that is moved.
         observer: Observer of the car.
         driver: Driver that is asked; None if the car drives itself.
         setup: Setup for the driver.
-        rows: Empty; rows of a `Trajectory` are appended as the car moves.
-        most: Largest number of rows.
-        period_step: s of which a driver's own period is a multiple.
+        max_rows: Largest number of rows.
+        period_step: Time of which a driver's period is a multiple, in s.
     """
     controls = (0.0, 0.0, 0.0)
     period = setup.period if driver is None else driver.reset(setup, period_step)
-    # Records and decisions fall on steps of equal length, in whole milliseconds.
-    per_record, per_decision = round(1e3 * RECORD_PERIOD), round(1e3 * period)
-    step = math.gcd(per_record, per_decision)
-    for now in range(0, most * per_record, step):
-        time = now / per_record * RECORD_PERIOD
-        is_record, is_decision = now % per_record == 0, now % per_decision == 0
+    # The car moves in equal steps of whole milliseconds, on which records and decisions fall.
+    record_ms, decision_ms = round(1e3 * RECORD_PERIOD), round(1e3 * period)
+    step_ms = math.gcd(record_ms, decision_ms)
+    for now_ms in range(0, max_rows * record_ms, step_ms):
+        time = now_ms / record_ms * RECORD_PERIOD
+        is_record, is_decision = now_ms % record_ms == 0, now_ms % decision_ms == 0
         motion = [time, *car.motion()]
         _, x, y, heading, speed, lateral_speed, yaw_rate, steering, *_ = motion
         if is_record:
             if driver is not None:
-                motion += controls
+                motion += controls  # of the last decision; a decision now replaces them below
             rows.append(motion)
             if not observer.see(time, x, y, heading):
                 return
@@ -191,4 +212,4 @@ def _drive(
             controls = driver.act(observation)
             if is_record:
                 motion[-len(controls) :] = controls
-        car.advance(*controls, step / 1e3)
+        car.advance(*controls, step_ms / 1e3)

@@ -1,7 +1,10 @@
-"""Observation of a car along a road: the end of its drive, and its driver's view.
+"""Observe a car along a road: when its drive ends, and what its driver sees.
 
-Every simulator uses this, so drivers see the same and drives end alike everywhere: the compiled
-rollout calls the kernels, a simulator in Python an `Observer`.
+Every simulator uses this module, so drivers see the same and drives end alike in all of them: the
+compiled rollout calls the kernels, a simulator in Python calls an `Observer`.
+
+``s`` is a distance along the road in m, ``d`` the distance to the left of its centre line in m, and
+``ds`` the distance between two rows of the road's table in m (`frenetic.road.geometry`).
 """
 
 from __future__ import annotations
@@ -25,7 +28,7 @@ if TYPE_CHECKING:
 
 @njit()
 def wrap(angle: float) -> float:
-    """Return the angle less whole turns, in -pi..pi."""
+    """Return the angle without whole turns: in rad, -pi to pi."""
     return angle - 2.0 * math.pi * math.floor((angle + math.pi) / (2.0 * math.pi))
 
 
@@ -42,9 +45,19 @@ def look_ahead(
     ahead: FloatArray,
     curvature_ahead: FloatArray,
 ) -> None:
-    """Write the ego lane ahead of a car at ``s`` into ``ahead`` and ``curvature_ahead``.
+    """Write points of the ego lane's centre ahead of a car into two arrays.
 
-    Between a table's rows the centre line is the arc of the nearest row, exact to a millimetre.
+    Between two rows of the table the centre line is taken for the arc of the nearest row, which is
+    exact to a millimetre.
+
+    Args:
+        table, ds: The road, see `frenetic.road.geometry`.
+        lane_width: Width of the ego lane, in m.
+        x, y, heading: Pose of the car, in m and rad.
+        s: Distance of the car along the road, in m; the first point is there.
+        rows: Number of points, `AHEAD_SPACING` apart on the centre line.
+        ahead: (rows, 2) points in m, ahead and to the left of the car.
+        curvature_ahead: (rows,) curvature of the ego lane at the points, in 1/m.
     """
     last = len(table) - 1
     length = last * ds
@@ -92,14 +105,18 @@ def observe(
     ahead: FloatArray,
     curvature_ahead: FloatArray,
 ) -> tuple[int, float, float, float, float]:
-    """Return end, s, offset from the ego lane's centre, heading error and oob share at ``i``.
+    """Return how the drive stands at record ``i``, and write the lane ahead into two arrays.
 
     Args:
         table, ds, lane_width, rules, car, heading, s, least: see
-        `frenetic.oracle.assessment.assess_record`.
-        records: (3, n) times, xs and ys of the records, or more rows.
+            `frenetic.oracle.assessment.assess_record`.
+        records: (3, n) times, xs and ys of the records; more rows do not matter.
         i: Number of the record.
-        ahead, curvature_ahead: Room, which is filled with points of the lane ahead.
+        ahead, curvature_ahead: see `look_ahead`.
+
+    Returns:
+        RUNNING or how the drive ended, distance along the road in m, offset to the left of the ego
+        lane's centre in m, heading error in rad, and oob share 0..1.
     """
     end, s, d, road_heading, share = assess_record(
         table, ds, lane_width, rules, car, records[0], records[1], records[2], heading, i, s, least
@@ -111,7 +128,7 @@ def observe(
 
 @njit()
 def limit_at(limits: FloatArray, s: float) -> float:
-    """Return the limit ``s`` m along the road, in the unit of ``limits``."""
+    """Return the limit at ``s`` m along the road, see `write_limits_ahead` for ``limits``."""
     k = 0
     while k < len(limits) - 1 and limits[k + 1, 0] <= s:
         k += 1
@@ -120,13 +137,13 @@ def limit_at(limits: FloatArray, s: float) -> float:
 
 
 @njit()
-def look_for_limits(limits: FloatArray, s: float, rows: int, limit_ahead: FloatArray) -> None:
-    """Write the lowest limit from each point ahead of ``s`` m to the next into ``limit_ahead``.
+def write_limits_ahead(limits: FloatArray, s: float, rows: int, limit_ahead: FloatArray) -> None:
+    """Write the lowest limit between each point ahead and the next one into ``limit_ahead``.
 
     Args:
-        limits: (k, 2), k >= 1; each holds from its station in m on.
-        s: m along the road.
-        rows: Number of points ahead.
+        limits: (k, 2), k >= 1: station in m, and the limit that holds from there on.
+        s: Distance of the first point along the road, in m.
+        rows: Number of points, `AHEAD_SPACING` apart.
         limit_ahead: (rows,), in the unit of ``limits``.
     """
     last = len(limits) - 1
@@ -143,12 +160,12 @@ def look_for_limits(limits: FloatArray, s: float, rows: int, limit_ahead: FloatA
 
 
 def in_metres_per_second(limits: FloatArray) -> FloatArray:
-    """Return speed limits, given as (k, 2) in m and km/h, in m and m/s."""
+    """Convert speed limits from km/h to m/s: (k, 2), each with its station in m."""
     return np.column_stack([limits[:, 0], limits[:, 1] / 3.6])
 
 
 class LimitsAhead:
-    """The speed limits that a car meets along a road.
+    """The speed limits at a car and ahead of it.
 
     Args:
         road: The road under the car.
@@ -162,7 +179,10 @@ class LimitsAhead:
         self._look(0.0)
 
     def at(self, s: float) -> tuple[float, FloatArray]:
-        """Return the limit ``s`` m along the road and the limits at the points ahead, in m/s."""
+        """Return the limit at ``s`` m along the road and the limits at the points ahead, in m/s.
+
+        The points are as far ahead as in a driver's view: (AHEAD_POINTS,).
+        """
         if not self.is_constant:
             self._look(s)
         return self._limit, self._ahead
@@ -171,8 +191,8 @@ class LimitsAhead:
         """Return the highest speed from which a car can brake to every limit ahead, in m/s.
 
         Args:
-            s: m along the road.
-            deceleration: Deceleration of the car, in m/s^2.
+            s: Distance of the car along the road, in m.
+            deceleration: Deceleration with which the car brakes, in m/s^2.
         """
         limit, ahead = self.at(s)
         if self.is_constant:
@@ -181,17 +201,19 @@ class LimitsAhead:
         return float(np.sqrt((ahead**2 + 2.0 * deceleration * distances).min()))
 
     def _look(self, s: float) -> None:
+        """Set the limits of a car at ``s`` m along the road."""
         self._limit = limit_at(self._limits, s)
         self._ahead = np.empty(AHEAD_POINTS)
-        look_for_limits(self._limits, s, AHEAD_POINTS, self._ahead)
+        write_limits_ahead(self._limits, s, AHEAD_POINTS, self._ahead)
         self._ahead.setflags(write=False)
 
 
 class Observer:
-    """An observer of one drive of a car that a simulator moves.
+    """Observer of one drive of a car that a simulator in Python moves.
 
-    Call `see` for every record, in order; while it says that the drive goes on, `observation` gives
-    the driver's view, also at a place between two records after `glance`.
+    Call `see` with the pose of every record, in order. While it returns True, the drive continues,
+    and `observation` returns the driver's view from there. For a view between two records, call
+    `glance` with the pose before `observation`.
 
     Args:
         road: The road under the car.
@@ -206,23 +228,23 @@ class Observer:
         self._rules = rules_array(rules, road.length)
         self._car = car.to_array()
         self._tolerance = rules.oob_tolerance
-        self._places = np.empty((3, records))
-        self._count = 0
+        self._records = np.empty((3, records))  # time, x and y
+        self._count = 0  # of the records so far
         self._s = 0.0  # at the last record
         self._now = (0.0,) * 7  # time, x, y, heading, s, lateral offset, heading error
         self._ahead = self._curvature_ahead = np.empty(0)
         self._limits = LimitsAhead(road, rules)
 
     def see(self, time: float, x: float, y: float, heading: float) -> bool:
-        """Take in a record (s, m, m, rad); return whether the drive goes on."""
+        """Take in a record (s, m, m, rad); return whether the drive continues."""
         self._ahead, self._curvature_ahead = np.empty((AHEAD_POINTS, 2)), np.empty(AHEAD_POINTS)
-        places, i = self._places, self._count
-        places[0, i], places[1, i], places[2, i] = time, x, y
+        records, i = self._records, self._count
+        records[0, i], records[1, i], records[2, i] = time, x, y
         end, self._s, offset, heading_error, _ = observe(
             *self._line,
             self._rules,
             self._car,
-            places,
+            records,
             i,
             heading,
             self._s,
@@ -235,9 +257,9 @@ class Observer:
         return bool(end == RUNNING)
 
     def glance(self, time: float, x: float, y: float, heading: float) -> None:
-        """Take in a place between two records, which ends no drive."""
+        """Take in a pose (s, m, m, rad) between two records, which ends no drive."""
         table, ds, lane_width = self._line
-        _, before_x, before_y = (float(value) for value in self._places[:, self._count - 1])
+        _, before_x, before_y = (float(value) for value in self._records[:, self._count - 1])
         reach = reach_of(math.hypot(x - before_x, y - before_y))
         s, d = project_near(table, ds, float(x), float(y), self._s, reach)
         error = wrap(heading - heading_at(table, ds, s))
@@ -255,9 +277,14 @@ class Observer:
         *,
         lateral_speed: float = 0.0,
     ) -> Observation:
-        """Return the driver's view at the last place (m/s, rad/s, rad), with its camera's picture.
+        """Return the driver's view from the last pose; its arrays become read-only.
 
-        The arrays of the view become read-only.
+        Args:
+            speed: Speed along the car, in m/s.
+            yaw_rate: Yaw rate in rad/s, positive to the left.
+            steering: Angle of the front wheels in rad, positive to the left.
+            image: Picture of the driver's camera; None without a camera.
+            lateral_speed: Speed across the car in m/s, positive to the left.
         """
         time, x, y, heading, s, lateral_offset, heading_error = self._now
         self._ahead.setflags(write=False)

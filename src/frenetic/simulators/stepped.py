@@ -1,4 +1,4 @@
-"""Base of simulators in Python that only say where their car starts and how it moves on."""
+"""Base of simulators in Python: override how a car starts and how it moves, the rest is here."""
 
 from __future__ import annotations
 
@@ -10,19 +10,19 @@ from frenetic.drivers.driver import Driver, DriveSetup
 from frenetic.oracle.drive import CarBody, Drive, Rules
 from frenetic.road import Pose, Road
 from frenetic.simulators.capabilities import check_road
-from frenetic.simulators.drive_loop import RECORD_PERIOD, follow
+from frenetic.simulators.drive_loop import RECORD_PERIOD, run_drive
 from frenetic.simulators.embedded.rollout import start_state
 from frenetic.simulators.observer import wrap
 from frenetic.simulators.simulator import Ready, StartingPlace
 
 
 class Motion(NamedTuple):
-    """Place and motion of a car."""
+    """Position and motion of a car at one moment."""
 
     x: float
-    """Coordinate of the centre of mass, in m."""
+    """x of the centre of mass on the map, in m."""
     y: float
-    """Coordinate of the centre of mass, in m."""
+    """y of the centre of mass on the map, in m."""
     heading: float
     """Heading in rad, counter-clockwise from +x; whole turns do not matter."""
     speed: float = 0.0
@@ -36,18 +36,18 @@ class Motion(NamedTuple):
 
 
 class SteppedSimulator(StartingPlace, Ready):
-    """Base of simulators that say where their car starts and how it moves on: `start` and `step`.
+    """Base of simulators that override two methods: `start` and `step`.
 
-    It asks the driver, records, ends drives by the rules, and blames whose code broke. Override
-    `__enter__` and `__exit__` to start and end parts, and what is said of the car if it has other
-    sizes and limits.
+    The base asks the driver, records the car, ends drives by the rules, and blames the part whose
+    code broke. Override `__enter__` and `__exit__` to start and end what the simulator needs, and
+    the class attributes below if the car has other sizes and limits.
 
     Args:
-        rules: speed limit, oob tolerance and when a drive ends.
-        wall_limit: s of wall time that a drive may take; then it is an ERROR.
-        start_offset: m to the left of the ego lane's centre at which the car starts, -2 to 2.
-        start_heading: rad to the left of the road's direction in which it points there, within an
-            eighth of a turn.
+        rules: Speed limit, oob tolerance and when a drive ends.
+        wall_limit: Wall time that a drive may take, in s; a longer one is an ERROR.
+        start_offset: Distance of the car's start to the left of the ego lane's centre, in m, -2..2.
+        start_heading: Angle of the car's start to the left of the road's direction, in rad, within
+            an eighth of a turn.
 
     `rules`, `start_offset` and `start_heading` may be set between two drives.
     """
@@ -65,7 +65,8 @@ class SteppedSimulator(StartingPlace, Ready):
     max_deceleration: ClassVar[float] = 9.0
     """Deceleration at full brake, in m/s^2."""
     period_step: ClassVar[float] = RECORD_PERIOD
-    """Least time that `step` can be asked for, in s: whole milliseconds."""
+    """Shortest time that `step` can be called with, in s; whole milliseconds. Drivers may have a
+    period that is a multiple of it."""
 
     def __init__(
         self,
@@ -85,23 +86,23 @@ class SteppedSimulator(StartingPlace, Ready):
         """Put the car at rest on the road.
 
         Args:
-            road: Road under the car; the last drive is over.
+            road: Road of the next drive; the last drive is over.
             pose: Pose of the car's centre of mass.
             setup: Setup that the driver gets.
 
         Returns:
-            Motion of the car, ``Motion(*pose)`` if it stands there.
+            Motion of the car: ``Motion(*pose)`` if the car stands at the pose.
         """
         raise NotImplementedError
 
     def step(self, steering: float, throttle: float, brake: float, seconds: float) -> Motion:
-        """Move the car on.
+        """Move the car for some simulated time.
 
         Args:
-            steering: rad, asked of the front wheels, within `max_steering`.
-            throttle: 0..1.
-            brake: 0..1.
-            seconds: s of simulated time.
+            steering: Angle asked of the front wheels, in rad, within `max_steering`.
+            throttle: Throttle, 0..1.
+            brake: Brake, 0..1.
+            seconds: Simulated time, in s.
 
         Returns:
             Motion of the car afterwards.
@@ -128,30 +129,34 @@ class SteppedSimulator(StartingPlace, Ready):
         """Drive along the road.
 
         Raises:
-            RoadError: The road leans, rises or widens, and the simulator lays only flat roads.
+            RoadError: The road leans, rises or widens, and the simulator has only flat roads.
             ArithmeticError: The car's motion is no longer finite.
             TypeError: `car` is not a `CarBody`.
         """
         check_road(self, driver, road)
         setup = self.setup(road)
-        place = start_state(road.table, road.lane_width, self.start_offset, self.start_heading)
-        pose = Pose(*place[:3].tolist())
-        car = _SteppedCar(
-            self, self.start(road, pose, setup), road.pose.heading, setup.max_steering
-        )
-        return follow(
+        state = start_state(road.table, road.lane_width, self.start_offset, self.start_heading)
+        pose = Pose(*state[:3].tolist())
+        motion = self.start(road, pose, setup)
+        car = _SteppedCar(self, motion, road.pose.heading, setup.max_steering)
+        return run_drive(
             car,
-            road,
-            self.rules,
-            _body(self),
-            setup,
             driver,
-            self.wall_limit,
+            road=road,
+            rules=self.rules,
+            body=_body(self),
+            setup=setup,
+            limit=self.wall_limit,
             period_step=self.period_step,
         )
 
 
 def _body(simulator: SteppedSimulator) -> CarBody:
+    """Return a simulator's `car`, which a subclass may have taken for something else.
+
+    Raises:
+        TypeError: `car` is not a `CarBody`.
+    """
     body: object = simulator.car
     if not isinstance(body, CarBody):
         raise TypeError(
@@ -162,7 +167,14 @@ def _body(simulator: SteppedSimulator) -> CarBody:
 
 
 class _SteppedCar:
-    """The car of one drive."""
+    """The car of one drive.
+
+    Args:
+        simulator: Simulator that moves the car.
+        motion: Motion at the start.
+        heading: Heading of the road's start in rad, near which the car's heading begins.
+        max_steering: Largest angle of the front wheels, in rad.
+    """
 
     def __init__(
         self, simulator: SteppedSimulator, motion: Motion, heading: float, max_steering: float
@@ -170,9 +182,14 @@ class _SteppedCar:
         self._simulator = simulator
         self._heading = heading
         self._max_steering = max_steering
-        self._take(motion)
+        self._set_motion(motion)
 
-    def _take(self, motion: Motion) -> None:
+    def _set_motion(self, motion: Motion) -> None:
+        """Take over a motion of the simulator, with the heading unwrapped.
+
+        Raises:
+            ArithmeticError: A number is not finite.
+        """
         motion = Motion(*map(float, motion))
         if not all(map(math.isfinite, motion)):
             raise ArithmeticError(f"the physics broke: the car's motion is {tuple(motion)}")
@@ -187,6 +204,6 @@ class _SteppedCar:
         """Return None: the simulator draws nothing."""
 
     def advance(self, steering: float, throttle: float, brake: float, seconds: float) -> None:
-        """Move the car on."""
+        """Move the car for some seconds, with the steering cut to what the wheels can do."""
         steering = min(max(steering, -self._max_steering), self._max_steering)
-        self._take(self._simulator.step(steering, throttle, brake, seconds))
+        self._set_motion(self._simulator.step(steering, throttle, brake, seconds))

@@ -23,7 +23,7 @@ from frenetic.plugins.beamng.link import BeamngError, Link, place_of
 from frenetic.road import Pose, Road
 from frenetic.simulators.capabilities import check_road
 from frenetic.simulators.checks import SimulatorCheck, drive_checks
-from frenetic.simulators.drive_loop import RECORD_PERIOD, follow
+from frenetic.simulators.drive_loop import RECORD_PERIOD, run_drive
 from frenetic.simulators.observer import LimitsAhead, wrap
 
 WALL_LIMIT: Final = 600.0
@@ -233,7 +233,7 @@ class BeamngSimulator:
             self.link.let_ai_drive(self.rules.start_limit_on(road), self.aggression)
         else:
             self._open_camera(driver)
-        drive = follow(
+        drive = run_drive(
             BeamngCar(
                 self.link,
                 self.measured,
@@ -242,12 +242,12 @@ class BeamngSimulator:
                 by_ai=by_ai,
                 has_camera=camera_of(driver) is not None,
             ),
-            road,
-            self.rules,
-            self.car,
-            self.setup(road),
             None if by_ai else driver,
-            self.wall_limit,
+            road=road,
+            rules=self.rules,
+            body=self.car,
+            setup=self.setup(road),
+            limit=self.wall_limit,
             may_stall=True,
         )
         self._finish()

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from contextlib import closing
 from dataclasses import replace
+from functools import partial
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, ClassVar, Final, Self
 
@@ -20,7 +21,7 @@ from frenetic.plugins.metadrive.drawing import check_drawing, drawn_region
 from frenetic.plugins.metadrive.drivers import PolicySimulator, metadrive_driver
 from frenetic.road import Road
 from frenetic.simulators.capabilities import check_road
-from frenetic.simulators.drive_loop import RECORD_PERIOD, follow
+from frenetic.simulators.drive_loop import RECORD_PERIOD, run_drive
 from frenetic.simulators.observer import LimitsAhead, wrap
 from frenetic.simulators.simulator import StartingPlace, unusual_amounts
 
@@ -180,14 +181,21 @@ class MetaDriveSimulator(StartingPlace, PolicySimulator):
             turned=self.start_heading,
         )
         car = _MetaDriveCar(world, road.pose.heading)
-        setup = self.setup(road)
+        run = partial(
+            run_drive,
+            road=road,
+            rules=self.rules,
+            body=self.car,
+            setup=self.setup(road),
+            limit=self.wall_limit,
+        )
         if own_driver is None:
-            return follow(car, road, self.rules, self.car, setup, driver, self.wall_limit)
+            return run(car, driver)
         from frenetic.plugins.metadrive.policies import make_policy  # imports the extra
 
         with closing(make_policy(own_driver, world)) as policy:
-            holding = _Holding(car, policy, road, self.rules)
-            return follow(holding, road, self.rules, self.car, setup, holding, self.wall_limit)
+            policy_car = _PolicyCar(car, policy, road, self.rules)
+            return run(policy_car, policy_car)
 
     def _world_for(self, road: Road, camera: Camera | None) -> World:
         """Return the world with this camera, None for none; started anew if it is another one's."""
@@ -242,8 +250,11 @@ class _MetaDriveCar:
         self._world.advance(round(seconds / PHYSICS_STEP))
 
 
-class _Holding:
-    """MetaDrive's car with one of its own drivers, which decides every `DECISION_PERIODS`."""
+class _PolicyCar:
+    """MetaDrive's car with one of MetaDrive's drivers: a `MovedCar` and a `Driver` in one.
+
+    The driver decides every `DECISION_PERIODS`; its decision holds until the next one.
+    """
 
     def __init__(self, car: _MetaDriveCar, policy: Policy, road: Road, rules: Rules) -> None:
         self._car = car

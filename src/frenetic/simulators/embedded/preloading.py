@@ -1,7 +1,7 @@
-"""Imported for its effect: compiles the kernels or loads them.
+"""Importing this module compiles the kernels or loads them.
 
-The server from which worker processes are forked (Linux) imports this, so they have the kernels
-from the start.
+On Linux, the server from which worker processes are forked imports it, so that each worker has the
+kernels from the start.
 """
 
 from frenetic.simulators.embedded import rehearse

@@ -1,6 +1,7 @@
-"""The embedded simulator's loop: observe, decide, move, judge; compiled, or with a Python driver.
+"""The embedded simulator's compiled loop: observe, decide, move, judge.
 
-Both loops call the same kernels in the same order, so a built-in driver drives bit for bit alike.
+The loop for drivers in Python (`frenetic.simulators.drive_loop`) calls the same kernels in the same
+order, so a built-in driver drives alike in both loops, bit for bit.
 """
 
 from __future__ import annotations
@@ -24,8 +25,8 @@ from frenetic.simulators.embedded.single_track import (
     advance,
 )
 from frenetic.simulators.embedded.slopes import lay
-from frenetic.simulators.embedded.weather import grip_at, in_gust, place_of
-from frenetic.simulators.observer import look_for_limits, observe
+from frenetic.simulators.embedded.weather import distance_of, grip_at, in_gust
+from frenetic.simulators.observer import observe, write_limits_ahead
 
 STEP = 0.01
 """Step of the RK4 integration, in s: 100 Hz."""
@@ -34,15 +35,20 @@ STEPS_PER_PERIOD = 5
 PERIOD = STEP * STEPS_PER_PERIOD
 """Time between two decisions and records, in s."""
 
-# Columns of the records, as in Trajectory.
+# Rows of the array of records, in the order of the columns of a `Trajectory`. Most begin with R, to
+# tell them from the indices of the state.
 TIME, RX, RY, RHEADING, RSPEED, RLATERAL, RYAW, RSTEERING, RINPUT, RTHROTTLE, RBRAKE = range(11)
 
 
 @njit()
 def start_state(table: FloatArray, lane_width: float, left: float, turned: float) -> FloatArray:
-    """Return the state of a car at rest in the ego lane at the road's first point, (7,).
+    """Return the state (7,) of a car at rest in the ego lane at the road's first point.
 
-    It stands ``left`` m left of the lane's centre and points ``turned`` rad left of its direction.
+    Args:
+        table: the road, see `frenetic.road.geometry`.
+        lane_width: width of the lane, in m.
+        left: distance of the car to the left of the lane's centre, in m.
+        turned: angle of the car to the left of the lane's direction, in rad.
     """
     state = np.zeros(7)
     offset = left - 0.5 * lane_width
@@ -61,7 +67,7 @@ def write_record(
     throttle: float,
     brake: float,
 ) -> None:
-    """Write record ``i``: the state and the controls chosen at it."""
+    """Write record ``i``: the state, and the controls that the driver chose there."""
     records[TIME, i] = i * PERIOD
     records[RX, i] = state[X]
     records[RY, i] = state[Y]
@@ -89,23 +95,25 @@ def advance_period(
     weather: FloatArray,
     steps: int = STEPS_PER_PERIOD,
 ) -> float:
-    """Move the car on by one period, or another number of steps, in place.
+    """Move the car by one period, or by another number of integration steps.
 
     Args:
-        state, steering, throttle, brake: see `advance`.
+        state, steering, throttle, brake: see `advance`; the state is changed in place.
         vehicle: `Vehicle.to_array()`.
         table, ds: the road, see `frenetic.road.geometry`.
         slopes: `Road.slopes`.
-        s: m, a place of the car at most a few periods ago, which matters on slopes and in weather.
+        s: distance of the car along the road at most a few periods ago, in m; it is used on slopes
+            and in weather only.
         weather: see `frenetic.simulators.embedded.weather`.
-        steps: Number of integration steps.
+        steps: number of integration steps.
 
     Returns:
-        m, the car's place before it moved, on slopes and in weather; `s` otherwise.
+        Distance of the car along the road before it moved, in m; ``s`` itself without slopes and
+        weather.
     """
     ground = vehicle
     if len(weather):
-        s = place_of(table, ds, state, s)
+        s = distance_of(table, ds, state, s)
         ground = grip_at(weather, vehicle, s)
     if len(slopes):
         ground, s = lay(ground, table, ds, slopes, state, s, steps * STEP)
@@ -136,28 +144,29 @@ def rollout(
     weather: FloatArray,
     limits: FloatArray,
 ) -> int:
-    """Drive a built-in driver until the drive ends; return the number of records written.
+    """Let a built-in driver drive until the drive ends; return the number of records written.
 
     Args:
         table, ds: the road, see `frenetic.road.geometry`.
         slopes: `Road.slopes`.
-        lane_width: m.
+        lane_width: width of the ego lane, in m.
         rules, car: see `frenetic.oracle.assessment.assess_record`.
         vehicle: `Vehicle.to_array()`.
         law, parameters, setup: see `frenetic.drivers.laws`.
-        rows: Number of points of the driver's view.
-        delay: Number of periods that controls take to arrive.
-        errors: (m, 2) m and rad by which the driver errs, m >= the records' number, or (0, 2).
+        rows: number of points of the driver's view.
+        delay: number of periods that controls take to arrive.
+        errors: (n, 2) errors of the driver in each record: of its offset in m, of its heading in
+            rad; (0, 2) for a driver without errors.
         state: (7,) state at the start; it becomes the state at the end.
-        records: (11, m), room for the columns of a `Trajectory`.
+        records: (11, n) array that the columns of a `Trajectory` are written to.
         weather: see `frenetic.simulators.embedded.weather`.
-        limits: (k, 2) m and m/s, the speed limits as the driver takes them, each from its station
+        limits: (k, 2) station in m, and the speed limit in m/s to which the driver keeps from there
             on.
     """
     ahead = np.empty((rows, 2))
     curvature_ahead = np.empty(rows)
     limit_ahead = np.empty(rows if len(limits) > 1 else 1)
-    look_for_limits(limits, 0.0, len(limit_ahead), limit_ahead)
+    write_limits_ahead(limits, 0.0, len(limit_ahead), limit_ahead)
     waiting = np.zeros((delay + 1, 3))
     memory = np.zeros(MEMORY)
     most = records.shape[1]
@@ -186,7 +195,7 @@ def rollout(
             offset += errors[i, 0]
             heading_error += errors[i, 1]
         if len(limits) > 1:
-            look_for_limits(limits, s, rows, limit_ahead)
+            write_limits_ahead(limits, s, rows, limit_ahead)
         steering, throttle, brake = decide(
             law,
             state[SPEED],
@@ -203,6 +212,7 @@ def rollout(
             memory,
         )
         if delay:
+            # A ring of the controls that are on their way: the oldest ones arrive now.
             slot = i % (delay + 1)
             waiting[slot, 0], waiting[slot, 1], waiting[slot, 2] = steering, throttle, brake
             slot = (i + 1) % (delay + 1)

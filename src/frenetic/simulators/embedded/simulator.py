@@ -1,4 +1,4 @@
-"""The embedded simulator as a `Simulator`."""
+"""The embedded simulator as a `Simulator`, and the preparation of its kernels."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ from frenetic.oracle.verdict import judge
 from frenetic.road import Road
 from frenetic.simulators.capabilities import check_road
 from frenetic.simulators.checks import SimulatorCheck
-from frenetic.simulators.drive_loop import follow
+from frenetic.simulators.drive_loop import run_drive
 from frenetic.simulators.embedded import rollout as kernels
 from frenetic.simulators.embedded.single_track import HEADING, X, Y
 from frenetic.simulators.embedded.vehicle import Vehicle
@@ -41,32 +41,35 @@ from frenetic.simulators.embedded.weather import weather_array
 from frenetic.simulators.observer import in_metres_per_second
 from frenetic.simulators.simulator import Amount, Ready, StartingPlace, unusual_amounts
 
-_NO_ERRORS = np.empty((0, 2))
+_NO_ERRORS: Final = np.empty((0, 2))
+"""Errors of a driver that makes none, as `rollout` takes them."""
 
 
 class EmbeddedSimulator(StartingPlace, Ready):
     """A dynamic single-track car in compiled code; a drive of 250 m takes about a millisecond.
 
     Args:
-        rules: speed limit, oob tolerance and when a drive ends.
-        vehicle: the car, or the name of one: ``default``, a BMW 320i, ``metadrive`` or
-            ``etk800``; or the parameters in which it differs from the default, or from the one in
-            ``name``. Without any, the driver brings its car: `frenetic.drivers.BeamngAi` an
-            ``etk800``, others the default.
-        friction: of the road, in place of the vehicle's: 1 is dry, 0.7 wet, 0.3 snow.
-        steering_lag: s, time constant of the steering, in place of the vehicle's.
-        wall_limit: s of wall time that a drive with a driver written in Python may take; then it
-            is an ERROR. Built-in drivers end by the rules.
-        start_offset: m to the left of the ego lane's centre at which the car starts, -2 to 2.
-        start_heading: rad to the left of the road's direction in which it points there, within an
-            eighth of a turn.
-        load: kg in the car, spread between its axles, of which the driver is not told.
-        wet: friction on one wet stretch of 40 m, as a share of the road's; 1 for none.
-        wet_at: m along the road, the stretch's middle; None for the road's.
-        gust: m/s to the left, of one gust across 60 m of the road, see `weather`.
-        gust_at: m along the road, the gust's middle; None for the road's.
+        rules: Speed limit, oob tolerance and when a drive ends.
+        vehicle: The car: a `Vehicle`, or its name, which is ``default`` (a BMW 320i), ``metadrive``
+            or ``etk800``, or a mapping of the parameters in which the car differs from the default
+            one or from the one with the mapping's ``name``. None takes the car that the driver
+            brings: `frenetic.drivers.BeamngAi` brings an ``etk800``, other drivers the default.
+        friction: Friction of the road, in place of the vehicle's: 1 is dry, 0.7 wet, 0.3 snow.
+        steering_lag: Time constant of the steering in s, in place of the vehicle's.
+        wall_limit: Wall time that a drive with a driver written in Python may take, in s; a longer
+            one is an ERROR. Drives of built-in drivers have no such limit.
+        start_offset: Distance of the car's start to the left of the ego lane's centre, in m, -2..2.
+        start_heading: Angle of the car's start to the left of the road's direction, in rad, within
+            an eighth of a turn.
+        load: Load in the car, spread between its axles, in kg. The driver's setup leaves it out.
+        wet: Friction on one wet stretch of 40 m, as a share of the road's; 1 for no wet stretch.
+        wet_at: Distance of the wet stretch's middle along the road in m; None for the road's
+            middle.
+        gust: Speed in m/s, positive to the left, of one gust across 60 m of the road, see
+            `frenetic.simulators.embedded.weather`.
+        gust_at: Distance of the gust's middle along the road in m; None for the road's middle.
 
-    All but `wall_limit` may be set between two drives; they hold from the next one on.
+    All but `wall_limit` may be set between two drives; they hold from the next drive on.
 
     Raises:
         ValueError: An option is out of range.
@@ -82,7 +85,7 @@ class EmbeddedSimulator(StartingPlace, Ready):
     lays_slopes: Final = True
     period_step: Final = kernels.STEP
     BEHAVIOUR: ClassVar[int] = 1
-    """Raised when its drives change; campaigns record it."""
+    """Version of the drives: to be increased when they change; campaigns record it."""
 
     def __init__(
         self,
@@ -108,7 +111,7 @@ class EmbeddedSimulator(StartingPlace, Ready):
             vehicle = Vehicle.named(vehicle)
         self._steering_lag = steering_lag
         self.vehicle = vehicle or Vehicle()
-        # Name of the vehicle that the driver brings:
+        # Name of the car that the last driver brought; None if a car was chosen
         self._driver_vehicle = None if vehicle else "default"
         if friction is not None:
             self.friction = friction
@@ -117,11 +120,11 @@ class EmbeddedSimulator(StartingPlace, Ready):
         self.load, self.wet, self.gust = load, wet, gust
         self.wet_at, self.gust_at = wet_at, gust_at
         self.wall_limit = wall_limit
-        self._room = np.empty(0)  # memory for the records, used again and again
+        self._buffer = np.empty(0)  # for the records, the same in all drives
 
     @property
     def options(self) -> dict[str, Any]:
-        """Options of the simulator beside the rules; of conditions only unusual ones."""
+        """Options of the simulator beside the rules, without conditions at their usual amounts."""
         unusual = unusual_amounts(self)
         if self.steering_lag is not None:
             unusual["steering_lag"] = self.steering_lag
@@ -135,9 +138,10 @@ class EmbeddedSimulator(StartingPlace, Ready):
     @vehicle.setter
     def vehicle(self, vehicle: Vehicle) -> None:
         self._driver_vehicle = None
-        self._take(vehicle)
+        self._set_vehicle(vehicle)
 
-    def _take(self, vehicle: Vehicle) -> None:
+    def _set_vehicle(self, vehicle: Vehicle) -> None:
+        """Take over a car, and the car with this simulator's steering lag, which drives."""
         self._vehicle = self._steered = vehicle
         if self._steering_lag is not None:
             self._steered = replace(vehicle, steering_lag=self._steering_lag)
@@ -152,38 +156,38 @@ class EmbeddedSimulator(StartingPlace, Ready):
 
     @friction.setter
     def friction(self, friction: float) -> None:
-        self._take(replace(self.vehicle, friction=friction))
+        self._set_vehicle(replace(self.vehicle, friction=friction))
 
     @property
     def steering_lag(self) -> float | None:
-        """Time constant of the steering, in s; None if it is the vehicle's."""
+        """Time constant of the steering, in s; None for the vehicle's."""
         return self._steering_lag
 
     @steering_lag.setter
     def steering_lag(self, lag: float | None) -> None:
         if lag is not None:
-            replace(self.vehicle, steering_lag=lag)  # which checks it
+            replace(self.vehicle, steering_lag=lag)  # raises a ValueError for a lag out of range
         self._steering_lag = lag
-        self._take(self.vehicle)
+        self._set_vehicle(self.vehicle)
 
     def check_driver(self, driver: Driver) -> None:
         """Take the car that the driver brings, unless a car was chosen."""
         vehicle = getattr(unwrapped(driver), "VEHICLE", "default")
         if self._driver_vehicle not in (None, vehicle):
             self._driver_vehicle = vehicle
-            self._take(replace(Vehicle.named(vehicle), friction=self.friction))
+            self._set_vehicle(replace(Vehicle.named(vehicle), friction=self.friction))
 
     def __enter__(self) -> Self:
-        """Compile kernels that are not compiled yet."""
+        """Compile the kernels that are not compiled yet."""
         compile_kernels()
         return self
 
     def checks(self) -> Iterator[SimulatorCheck]:
-        """Yield whether compiled kernels are cached."""
+        """Yield the check whether compiled kernels can be cached."""
         yield _cache_check()
 
     def drives_compiled(self, driver: Driver) -> bool:
-        """Return whether the driver's drives are compiled code alone."""
+        """Return whether the driver's drives run compiled code alone."""
         is_ours = type(self) is EmbeddedSimulator
         return is_ours and compiled_form(driver, kernels.PERIOD) is not None
 
@@ -202,16 +206,13 @@ class EmbeddedSimulator(StartingPlace, Ready):
         compiled = compiled_form(driver, setup.period)
         if compiled is None:
             return self._drive_python(road, driver, setup)
-        # The record after the timeout ends every drive.
-        most = math.ceil(self.rules.timeout(road.length) / kernels.PERIOD) + 2
-        columns = len(Trajectory.names())
-        if self._room.size < columns * most:
-            self._room = np.empty(columns * most)
-        room = self._room[: columns * most].reshape(columns, most)
+        # The record at 0 s, and the one after the timeout, which ends every drive, are two more.
+        max_records = math.ceil(self.rules.timeout(road.length) / kernels.PERIOD) + 2
+        records = self._records(max_records)
         parameters, weather = self._conditions(road)
         limits = in_metres_per_second(self.rules.speed_limits_on(road))
         limits[:, 1] += compiled.excess
-        n = kernels.rollout(
+        count = kernels.rollout(
             road.table,
             road.sub_step,
             road.slopes,
@@ -224,55 +225,77 @@ class EmbeddedSimulator(StartingPlace, Ready):
             setup_array(setup),
             compiled.rows,
             compiled.delay,
-            _NO_ERRORS if compiled.errors is None else compiled.errors.upto(most),
+            _NO_ERRORS if compiled.errors is None else compiled.errors.upto(max_records),
             self._start(road),
-            room,
+            records,
             weather,
             limits,
         )
-        return Drive(Trajectory(*room[:, :n]), self.car, self.rules, road)
+        return Drive(Trajectory(*records[:, :count]), self.car, self.rules, road)
+
+    def _records(self, count: int) -> FloatArray:
+        """Return room for the records of a drive, (11, count): a part of the buffer."""
+        columns = len(Trajectory.names())
+        if self._buffer.size < columns * count:
+            self._buffer = np.empty(columns * count)
+        return self._buffer[: columns * count].reshape(columns, count)
 
     def _drive_python(self, road: Road, driver: Driver, setup: DriveSetup) -> Drive:
         """Drive with the compiled rollout's kernels and calls of the driver in between."""
         check_road(self, driver, road)
         if not isinstance(unwrapped(driver), _Rehearsing):
-            rehearse()  # not on the driver's time
+            rehearse()  # before the driver's wall time is measured
         try:
             camera = camera_of(driver)
             renderer = None if camera is None else _renderer(road, camera, scene_of(driver))
         except DriverError as error:
             return Drive(Trajectory.empty(), self.car, self.rules, road, Trouble.of(error))
         if renderer is not None:
-            renderer.draw(*road.pose)  # nor this
+            renderer.draw(*road.pose)  # the first picture takes longer: before that time, too
         car = _EmbeddedCar(self._start(road), *self._conditions(road), road, renderer)
-        return follow(
+        return run_drive(
             car,
-            road,
-            self.rules,
-            self.car,
-            setup,
             driver,
-            self.wall_limit,
+            road=road,
+            rules=self.rules,
+            body=self.car,
+            setup=setup,
+            limit=self.wall_limit,
             period_step=self.period_step,
         )
 
     def _conditions(self, road: Road) -> tuple[FloatArray, FloatArray]:
-        """Return the car's parameters on this road, and its weather, as the kernels take them."""
+        """Return the car's parameters with its load, and the weather, as the kernels take them."""
         car, parameters = self._steered, self._parameters
         if self.load:
             car = car.loaded(self.load)
             parameters = car.to_array()
-        places = (0.5 * road.length if at is None else at for at in (self.wet_at, self.gust_at))
-        return parameters, weather_array(car, self.wet, self.gust, *places)
+        middle = 0.5 * road.length
+        return parameters, weather_array(
+            car,
+            self.wet,
+            self.gust,
+            wet_at=middle if self.wet_at is None else self.wet_at,
+            gust_at=middle if self.gust_at is None else self.gust_at,
+        )
 
     def _start(self, road: Road) -> FloatArray:
+        """Return the state (7,) of the car at the start of a drive."""
         return kernels.start_state(
             road.table, road.lane_width, self.start_offset, self.start_heading
         )
 
 
 class _EmbeddedCar:
-    """A car that is moved for a driver in Python."""
+    """A `MovedCar`: the car of one drive with a driver in Python.
+
+    Args:
+        state: (7,) state at the start, which changes as the car moves.
+        parameters: `Vehicle.to_array()`.
+        weather: see `frenetic.simulators.embedded.weather`.
+        road: Road under the car.
+        renderer: Renderer of the driver's camera; None without a camera.
+    """
 
     def __init__(
         self,
@@ -285,11 +308,11 @@ class _EmbeddedCar:
         self._state = state
         self._ground = parameters, road.table, road.sub_step, road.slopes
         self._weather = weather
-        self._s = 0.0  # a place of the car, on slopes and in weather
+        self._s = 0.0  # distance along the road before the last step, on slopes and in weather
         self._renderer = renderer
 
     def motion(self) -> list[float]:
-        """Return the state, whose order is the order of a trajectory's columns."""
+        """Return the state, in the order of the columns of a `Trajectory`."""
         values: list[float] = self._state.tolist()
         return values
 
@@ -301,7 +324,7 @@ class _EmbeddedCar:
         return self._renderer.draw(state[X], state[Y], state[HEADING])
 
     def advance(self, steering: float, throttle: float, brake: float, seconds: float) -> None:
-        """Move the car on."""
+        """Move the car for some seconds, a multiple of the integration step."""
         steps = round(seconds / kernels.STEP)
         self._s = kernels.advance_period(
             self._state,
@@ -316,29 +339,30 @@ class _EmbeddedCar:
 
 
 def _renderer(road: Road, camera: Camera, scene: Scene) -> Renderer:
-    """Return a renderer for a camera, the first that is installed.
+    """Return a renderer for a camera, made by the first installed entry point.
 
     Raises:
         DriverError: No renderer is installed.
     """
-    for entry in installed(RENDERERS):
-        renderer: Renderer = imported(entry.target)(road, camera, scene)
-        return renderer
-    raise DriverError(
-        f"the driver has a camera, and nothing is installed that draws for it ({RENDERERS})"
-    )
+    entry = next(iter(installed(RENDERERS)), None)
+    if entry is None:
+        raise DriverError(
+            f"the driver has a camera, and nothing is installed that draws for it ({RENDERERS})"
+        )
+    renderer: Renderer = imported(entry.target)(road, camera, scene)
+    return renderer
 
 
 @cache
 def compile_kernels() -> None:
-    """Fit, validate, drive and judge one road, so that every kernel is ready afterwards.
+    """Fit, validate, drive and judge one road, so that every kernel is compiled afterwards.
 
-    The first time on a machine this compiles for some seconds; the result is cached on disk, and
-    then it takes a fraction of a second.
+    On a machine's first call this takes some seconds. The compiled kernels are cached on disk, so a
+    later call takes a fraction of a second.
     """
-    # Too long for the map unless it is turned, and not quite straight.
+    # So long that fitting must turn it, and not quite straight: this runs every kernel.
     road = Road([0.0] * 10 + [0.005] + [0.0] * 11)
-    with _driving_elsewhere():
+    with _compiling_rollout_elsewhere():
         placed, verdict = road.placed()
         assert placed is not None
         assert verdict.valid, verdict.message
@@ -347,8 +371,8 @@ def compile_kernels() -> None:
 
 
 @contextmanager
-def _driving_elsewhere() -> Iterator[None]:
-    """Have another process compile a drive's kernels meanwhile, where none is on disk yet."""
+def _compiling_rollout_elsewhere() -> Iterator[None]:
+    """Let another process compile the kernels of a drive meanwhile, if they are not on disk yet."""
     folder = cache_folder(kernels.rollout)
     if folder is None or next(folder.glob("rollout.*.nbi"), None) or not sys.executable:
         yield
@@ -357,14 +381,14 @@ def _driving_elsewhere() -> Iterator[None]:
         f"from {__name__} import EmbeddedSimulator, Planner, Road;"
         " EmbeddedSimulator().drive(Road([0.0] * 5), Planner())"
     )
-    nowhere = subprocess.DEVNULL
+    discard = subprocess.DEVNULL
     command = [sys.executable, "-P", "-c", drive]
-    with subprocess.Popen(command, stdout=nowhere, stderr=nowhere):  # noqa: S603 - our own code
+    with subprocess.Popen(command, stdout=discard, stderr=discard):  # noqa: S603 - our own code
         yield
 
 
 class _Rehearsing(Planner):
-    """The planner as a driver in Python, which looks at the lane, too."""
+    """Planner that reads its observation's lane, to compile what only drivers in Python use."""
 
     def act(self, observation: Observation) -> Controls:
         """Return the planner's controls."""
@@ -374,21 +398,26 @@ class _Rehearsing(Planner):
 
 @cache
 def rehearse() -> None:
-    """Drive as a driver in Python does, which needs more kernels, so that they are ready."""
+    """Compile the further kernels that drives with a driver in Python use, by one such drive."""
     compile_kernels()
     EmbeddedSimulator().drive(Road([0.0] * 5), Noisy(_Rehearsing()))
 
 
 def _cache_check() -> SimulatorCheck:
-    """Return whether compiled kernels can be cached."""
+    """Return the check whether compiled kernels can be cached."""
     folder = cache_folder(kernels.rollout)
     if folder is None or not folder.is_dir():
-        return SimulatorCheck("cache", False, "kernels are not cached", "unset NUMBA_DISABLE_JIT")
+        return SimulatorCheck(
+            "cache",
+            is_ok=False,
+            state="kernels are not cached",
+            remedy="unset NUMBA_DISABLE_JIT",
+        )
     if not os.access(folder, os.W_OK):
         return SimulatorCheck(
             "cache",
-            False,
-            f"{folder} cannot be written: kernels are compiled anew after every change",
-            f"make it writable, or set {VARIABLE} to a folder that is",
+            is_ok=False,
+            state=f"{folder} cannot be written: kernels are compiled anew after every change",
+            remedy=f"make it writable, or set {VARIABLE} to a folder that is",
         )
-    return SimulatorCheck("cache", True, f"{folder} can be written")
+    return SimulatorCheck("cache", is_ok=True, state=f"{folder} can be written")

@@ -1,15 +1,15 @@
 """The motion of a car: a dynamic single-track model with Pacejka tyres, in compiled code.
 
-The two wheels of an axle are taken as one in its middle. The car yaws and slides in the plane; roll
-and pitch appear only as the load that driving and braking shift between the axles. Lateral tyre
-forces follow the Magic Formula, limited by a friction circle that cornering shares with driving and
-braking.
+The two wheels of an axle are taken as one wheel in the axle's middle. The car yaws and slides in
+the plane; roll and pitch appear only as the load that driving and braking shift between the axles.
+Lateral tyre forces follow the Magic Formula, limited by a friction circle that cornering shares
+with driving and braking.
 
-The plane is the road's under the car. Where it is not flat, `frenetic.simulators.embedded.slopes`
-says how gravity pulls in it and loads the tyres.
+The plane is the one of the road under the car. On slopes, `frenetic.simulators.embedded.slopes`
+gives the pull of gravity in the plane and the load on the tyres.
 
-A state is a float64 vector (7,), in SI units, positive to the left; place and heading are on the
-map, all else is in the plane:
+A state is a float64 vector (7,), in SI units, positive to the left. Position and heading are on the
+map, all other values in the plane:
 
     ===== ================= ==================================================
     index constant          meaning
@@ -23,9 +23,10 @@ map, all else is in the plane:
     6     ``STEERING``      rad, angle of the front wheels (δ)
     ===== ================= ==================================================
 
-The inputs are held over a control period: the angle asked of the front wheels [rad], throttle and
-brake [0..1]; all three are clipped to their range. There is no reverse gear: ``SPEED`` is negative
-only while a car that has spun round slides backwards, or one that nothing holds rolls down a slope.
+The inputs are the angle asked of the front wheels [rad], throttle and brake [0..1]. They are
+constant over a control period, and clipped to their ranges. There is no reverse gear: ``SPEED`` is
+negative only while a car that has spun round slides backwards, or while a car rolls down a slope
+backwards.
 
 Sources: M. Althoff, G. Würsching, "CommonRoad: Vehicle Models", 2020 (the single-track model);
 H. B. Pacejka, "Tire and Vehicle Dynamics" (Magic Formula). What differs from the CommonRoad
@@ -33,8 +34,8 @@ single-track model: the tyres saturate, the steering lags, the engine is a famil
 locks or spins, air and rolling drag act, and low speeds need no kinematic substitute (see
 ``Vehicle.crawl_speed``).
 
-With one kind of tyre all round, whose forces grow in proportion to the load, the car is neutral: it
-understeers only by what load transfer and drive forces make of it.
+With equal tyres on both axles, whose forces are proportional to the load, the car is neutral: only
+load transfer and drive forces make it understeer or oversteer.
 """
 
 from __future__ import annotations
@@ -97,12 +98,18 @@ def _clip(value: float, low: float, high: float) -> float:
 
 @njit(error_model="numpy")
 def _lateral_grip_used(rolling: float, sliding: float, b: float, p: FloatArray) -> float:
-    """Return the lateral force per peak force, -1..1, of tyres that roll and slide so fast [m/s].
+    """Return the lateral force of an axle's tyres per peak force, -1..1, positive to the left.
 
-    The Magic Formula sin(C atan(B α)), where the tangent of the slip angle stands for α, as Pacejka
-    has it for large slip; up to 0.1 rad, that moves the force by 0.05 % of its peak. So does
-    leaving out the fourth coefficient, E (p_ey1 = -0.0075). A tyre that slides to the right is
-    pushed to the left.
+    This is the Magic Formula sin(C atan(B α)) with two simplifications, each of which changes the
+    force by at most 0.05 % of its peak up to 0.1 rad: the tangent of the slip angle stands for
+    α, as Pacejka has it for large slip, and the fourth coefficient, E (p_ey1 = -0.0075), is left
+    out.
+
+    Args:
+        rolling: speed of the tyres along the wheels, in m/s.
+        sliding: speed of the tyres across the wheels in m/s, positive to the left.
+        b: TYRE_B of the axle.
+        p: `Vehicle.to_array()`.
     """
     slip = -sliding / max(abs(rolling), p[CRAWL_SPEED])
     return math.sin(p[TYRE_C] * math.atan(b * slip))
@@ -119,14 +126,14 @@ def axle_forces(
     brake: float,
     p: FloatArray,
 ) -> tuple[float, float, float, float, float, float]:
-    """Return the forces on the front axle, then on the rear axle, in newtons: F_x, F_y, F_z each.
+    """Return F_x, F_y and F_z on the front axle, then on the rear axle, in newtons.
 
     F_x points along the axle's wheels (the front ones are turned by the steering angle), F_y across
     them to the left, and F_z is the load. F_x² + F_y² <= (μ F_z)² on either axle.
 
     Args:
         v_x, v_y, r: speed, lateral speed and yaw rate of the state.
-        cos_d, sin_d: of the steering angle.
+        cos_d, sin_d: cosine and sine of the steering angle.
         throttle, brake: 0..1.
         p: `Vehicle.to_array()`.
 
@@ -138,7 +145,7 @@ def axle_forces(
     rear_rolling = v_x
     rear_sliding = v_y - p[REAR] * r
 
-    # What the pedals ask for. Brakes oppose the rolling and fade with it.
+    # Forces that the pedals ask for. Brakes oppose the rolling, and fade out at walking pace.
     engine = throttle * p[ENGINE_FORCE]
     if v_x > p[SWITCH_SPEED]:
         engine *= p[SWITCH_SPEED] / v_x
@@ -146,7 +153,7 @@ def axle_forces(
     front_fade = _clip(front_rolling / DRAG_FADE_SPEED, -1.0, 1.0)
     rear_fade = _clip(rear_rolling / DRAG_FADE_SPEED, -1.0, 1.0)
 
-    # Onto the ground: the acceleration asked for, as far as the tyres give it, shifts load.
+    # Load on the axles: the acceleration that the pedals ask for and the tyres allow shifts it.
     acceleration = _clip(
         (engine - braking * rear_fade) / p[MASS], p[LEAST_ACCELERATION], p[MOST_ACCELERATION]
     )
@@ -155,7 +162,7 @@ def axle_forces(
     front_z = weight * front_share
     rear_z = weight - front_z
 
-    # Along the wheels: the pedals' forces, held within the share of the grip open to them.
+    # Forces along the wheels: the pedals' forces, within the share of the grip open to them.
     front_peak = p[GRIP] * front_z
     rear_peak = p[GRIP] * rear_z
     front_limit = p[SLIP_CONTROL] * front_peak
@@ -165,7 +172,7 @@ def axle_forces(
     front_x = _clip(-front_braking * front_fade, -front_limit, front_limit)
     rear_x = _clip(engine - rear_braking * rear_fade, -rear_limit, rear_limit)
 
-    # Across the wheels: what the friction circle leaves.
+    # Forces across the wheels: the friction circle leaves at most this much.
     front_left = math.sqrt(front_peak * front_peak - front_x * front_x)
     rear_left = math.sqrt(rear_peak * rear_peak - rear_x * rear_x)
     front_y = front_left * _lateral_grip_used(front_rolling, front_sliding, p[FRONT_TYRE_B], p)
@@ -175,10 +182,11 @@ def axle_forces(
 
 @njit(error_model="numpy")
 def _pull(v_x: float, v_y: float, brake: float, p: FloatArray) -> tuple[float, float]:
-    """Return gravity's pull along and across the car in m/s², less what its tyres hold.
+    """Return the pull of gravity ahead and to the left in m/s², without the part that is held.
 
-    Brakes and drag fade out at walking pace, and so do tyres across that hardly slide. As far as
-    they have, they hold against the pull what they give at speed: a car that stands stays.
+    Near standstill the forces of brakes, drag and sliding tyres fade out. By the share by which
+    they have faded out, the car is held against the pull, with at most the forces that they have at
+    speed. So a car that stands on a slope does not begin to move.
     """
     asked = brake * p[BRAKE_FORCE] / p[MASS]
     brakes = min(asked, -p[LEAST_ACCELERATION])
@@ -206,13 +214,13 @@ def motion(
     brake: float,
     p: FloatArray,
 ) -> tuple[float, float, float, float]:
-    """Return the time derivatives of v_x, v_y, r and δ. They depend on neither place nor heading.
+    """Return the time derivatives of v_x, v_y, r and δ, which do not depend on the pose.
 
     m (dv_x/dt - v_y r) = F_xr + F_xf cos δ - F_yf sin δ - drag
     m (dv_y/dt + v_x r) = F_yr + F_xf sin δ + F_yf cos δ
     I_z dr/dt           = l_f (F_xf sin δ + F_yf cos δ) - l_r F_yr
 
-    On tilted ground gravity's pull comes on top, less what holds a car that stands.
+    On tilted ground the pull of gravity is added, see `_pull`.
     """
     cos_d = math.cos(delta)
     sin_d = math.sin(delta)
@@ -240,7 +248,7 @@ def motion(
 
 @njit(error_model="numpy")
 def _turned(v_x: float, v_y: float, angle: float) -> tuple[float, float]:
-    """Return a velocity turned by a small angle, to 1e-9 of itself up to 0.1 rad."""
+    """Return a velocity turned by a small angle, with a relative error of 1e-9 up to 0.1 rad."""
     square = angle * angle
     cos_a = 1.0 - square * (0.5 - square / 24.0)
     sin_a = angle * (1.0 - square * (1.0 / 6.0 - square / 120.0))
@@ -249,7 +257,7 @@ def _turned(v_x: float, v_y: float, angle: float) -> tuple[float, float]:
 
 @njit(error_model="numpy")
 def on_map(v_x: float, v_y: float, r: float, p: FloatArray) -> tuple[float, float, float]:
-    """Return the velocities ahead and to the left on the map, and how fast the heading turns."""
+    """Return the velocities ahead and to the left on the map, and the heading's rate of change."""
     if p[IS_TILTED]:
         return p[AHEAD] * v_x - p[SKEW] * v_y, p[LEFT] * v_y, p[TURN] * r + p[TWIST]
     return v_x, v_y, r
@@ -259,17 +267,17 @@ def on_map(v_x: float, v_y: float, r: float, p: FloatArray) -> tuple[float, floa
 def advance(
     state: FloatArray, steering: float, throttle: float, brake: float, p: FloatArray, dt: float
 ) -> None:
-    """Move a state on by dt [s] in place: one step of the classical Runge-Kutta method (RK4).
+    """Advance a state in place by one step of the classical Runge-Kutta method (RK4).
 
-    The way is summed up in the frame of the step's start, in which the heading stays small.
+    The displacement is summed up in the frame of the step's start, where the heading stays small.
 
     Args:
         state: (7,), see the module's text.
-        steering: rad, asked of the front wheels, positive to the left.
+        steering: angle asked of the front wheels in rad, positive to the left.
         throttle: 0..1.
         brake: 0..1.
         p: `Vehicle.to_array()`.
-        dt: s, at most 0.01.
+        dt: length of the step in s, at most 0.01.
 
     """
     throttle = _clip(throttle, 0.0, 1.0)
@@ -277,7 +285,7 @@ def advance(
     v_x, v_y, r, delta = state[SPEED], state[LATERAL_SPEED], state[YAW_RATE], state[STEERING]
     half = 0.5 * dt
 
-    # Each stage: its velocities, the heading since the start, and the derivatives there.
+    # Each stage: its velocities, the derivatives there, and the heading relative to the start.
     a_x1, a_y1, a_r1, rate1 = motion(v_x, v_y, r, delta, steering, throttle, brake, p)
     east1, north1, turn1 = on_map(v_x, v_y, r, p)
 

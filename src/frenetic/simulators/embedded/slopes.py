@@ -1,17 +1,24 @@
-"""The road's plane under the car: how it is tilted, and what of gravity acts in it and across it.
+"""The road's plane under the car: its tilt, and how gravity pulls and loads a car in it.
 
-The road's height over the map is its centre line's; to the left it rises by the superelevation e.
-A car lies in the plane that touches the road under its centre of mass. With the height's gradient
-there, p ahead of the car and q to the left, its second derivatives H, S = sqrt(1 + p²),
-N = sqrt(1 + p² + q²), the speeds v_x, v_y and the yaw rate r in the plane and the velocity u on the
-map,
+The road's height over the map is the centre line's height, and rises to the left by the
+superelevation e. A car is in the plane that touches the road under its centre of mass. Symbols:
 
-- gravity pulls by -g p / S ahead and by -g q / (N S) to the left,
-- the load on the tyres per mass is (g + u H u) / N: a crest takes some, a dip and a bend that is
-  banked to its inside give some, and
+    ======== ===============================================================
+    p, q     the height's gradient there, ahead of the car and to its left
+    H        the height's second derivatives there, (2, 2) in 1/m
+    S, N     sqrt(1 + p²) and sqrt(1 + p² + q²)
+    v_x, v_y speed and lateral speed in the plane, in m/s
+    r        yaw rate in the plane, in rad/s
+    u        velocity on the map, (2,) in m/s
+    g        acceleration of gravity, in m/s²
+    ======== ===============================================================
+
+- Gravity pulls by -g p / S ahead and by -g q / (N S) to the left.
+- The load on the tyres per mass is (g + u H u) / N: less on a crest, more in a dip and in a bend
+  that is banked to its inside.
 - u = (v_x / S - v_y p q / (N S), v_y S / N), and the heading turns by r S² / N - q (H u)_x / N².
 
-That is exact for a mass that slides on the road; the car's own rolling and pitching take no part.
+That is exact for a mass that slides on the road. The car's rolling and pitching are left out.
 """
 
 from __future__ import annotations
@@ -48,7 +55,8 @@ from frenetic.simulators.embedded.vehicle import (
 )
 
 LEAST_LOAD: Final = 1e-6
-"""Least load per weight, on a crest where a car would take off; here it stays on the road."""
+"""Least load per weight, on a crest where a real car would take off: this one stays on the road;
+our choice."""
 
 
 @njit(error_model="numpy")
@@ -60,11 +68,12 @@ def _height_at(
     Args:
         table, ds: The road, see `frenetic.road.geometry`.
         slopes: `Road.slopes`.
-        s: m along the road.
-        d: m to the left of the centre line.
+        s: Distance along the road, in m.
+        d: Distance to the left of the centre line, in m.
 
     """
-    # The road there, and its rates along it; beyond its ends nothing changes.
+    # Superelevation e, grade and curvature kappa at s, and their rates of change along the road;
+    # before and after the road nothing changes.
     last = len(slopes) - 1
     i = min(max(int(s / ds), 0), last - 1)
     t = min(max(s / ds - i, 0.0), 1.0)
@@ -78,7 +87,7 @@ def _height_at(
         e_rate = grade_rate = kappa_rate = kappa = 0.0
 
     # Gradient and second derivatives of the height at d.
-    shrunk = max(1.0 - kappa * d, 0.05)  # of a metre of centre line
+    shrunk = max(1.0 - kappa * d, 0.05)  # length of the parallel at d per length of the centre line
     grade = (grade + e_rate * d) / shrunk
     z_ss = ((grade_rate + grade * kappa_rate * d) / shrunk - e * kappa) / shrunk
     z_sd = (e_rate + grade * kappa) / shrunk
@@ -95,15 +104,15 @@ def lay(
     s: float,
     seconds: float,
 ) -> tuple[FloatArray, float]:
-    """Return a car's parameters on the road under it, and its place along the road in m.
+    """Return a car's parameters on the slopes under it, and its distance along the road in m.
 
     Args:
         p: `Vehicle.to_array()`.
         table, ds: The road, see `frenetic.road.geometry`.
         slopes: `Road.slopes`, not of a flat road.
-        state: (7,).
-        s: m, a place of the car some time ago.
-        seconds: s for which the parameters hold; slopes are taken in the middle of them.
+        state: (7,) state of the car.
+        s: Distance of the car along the road a short time ago, in m.
+        seconds: Time for which the parameters hold, in s; the slopes are taken in its middle.
 
     """
     v_x, v_y = state[SPEED], state[LATERAL_SPEED]

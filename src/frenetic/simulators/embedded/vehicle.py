@@ -1,7 +1,7 @@
 """The car's parameters, and named cars.
 
-`Vehicle.to_array` gives the parameters to the kernels of
-`frenetic.simulators.embedded.single_track`, as a vector that the indices below name.
+The kernels of `frenetic.simulators.embedded.single_track` take the parameters as the vector that
+`Vehicle.to_array` returns; the constants below are its indices.
 
 Source: M. Althoff, G. Würsching, "CommonRoad: Vehicle Models", 2020 (the parameters of vehicle 2
 and of its tyres).
@@ -25,11 +25,11 @@ from frenetic.road import Road
 from frenetic.road.classes import GRAVITY
 
 AIR_DENSITY: Final = 1.2
-"""kg/m³, at 20 °C."""
+"""Density of air at 20 °C, in kg/m³."""
 STEP_RATE: Final = 100.0
 """RK4 step rate for which a vehicle's parameters are checked to be stable, in Hz."""
 
-# The parameter vector of the kernels, made by `Vehicle.to_array`.
+# Indices of the parameter vector, with units.
 MASS: Final = 0  # kg
 YAW_INERTIA: Final = 1  # kg m²
 FRONT: Final = 2  # m, centre of mass to front axle
@@ -37,8 +37,8 @@ REAR: Final = 3  # m, centre of mass to rear axle
 HEIGHT: Final = 4  # m, of the centre of mass
 GRIP: Final = 5  # μ, peak of an axle's force per load
 TYRE_B: Final = 6  # 1/rad, such that B C μ is the cornering stiffness per load
-TYRE_C: Final = 7
-CRAWL_SPEED: Final = 8  # m/s
+TYRE_C: Final = 7  # Magic Formula C
+CRAWL_SPEED: Final = 8  # m/s, see `Vehicle.crawl_speed`
 SLIP_CONTROL: Final = 9  # share of the grip open to driving and braking
 STEERING_LIMIT: Final = 10  # rad
 STEERING_RATE: Final = 11  # rad/s
@@ -46,19 +46,19 @@ STEERING_LAG: Final = 12  # s
 ENGINE_FORCE: Final = 13  # N
 SWITCH_SPEED: Final = 14  # m/s
 BRAKE_FORCE: Final = 15  # N
-BRAKE_FRONT_SHARE: Final = 16
+BRAKE_FRONT_SHARE: Final = 16  # share of the brake force at the front axle, at least
 AIR_DRAG: Final = 17  # N per (m/s)²
 ROLLING_DRAG: Final = 18  # N
-LEAST_ACCELERATION: Final = 19  # m/s², negative: all that the tyres can brake
-MOST_ACCELERATION: Final = 20  # m/s², all that the rear axle can drive
+LEAST_ACCELERATION: Final = 19  # m/s², negative: the hardest braking that the tyres allow
+MOST_ACCELERATION: Final = 20  # m/s², the largest that the rear tyres allow
 FRONT_TYRE_B: Final = 21  # 1/rad, TYRE_B of the front axle
-ACROSS: Final = 22  # m/s², load on the tyres per mass: gravity's, on flat ground
-# The rest are of tilted ground alone.
-IS_TILTED: Final = 23  # 1, or 0
-PULL_AHEAD: Final = 24  # m/s², gravity's part along the car
-PULL_LEFT: Final = 25  # m/s², and across it
-# The velocity on the map is AHEAD v_x - SKEW v_y ahead and LEFT v_y to the left; there the car
-# turns by TURN r + TWIST.
+ACROSS: Final = 22  # m/s², load on the tyres per mass: gravity's acceleration on flat ground
+# The following indices matter on tilted ground and in a gust only.
+IS_TILTED: Final = 23  # 1 there, else 0
+PULL_AHEAD: Final = 24  # m/s², pull of gravity ahead
+PULL_LEFT: Final = 25  # m/s², pull of gravity and gust to the left
+# The velocity on the map is AHEAD v_x - SKEW v_y ahead and LEFT v_y to the left, and the heading on
+# the map changes by TURN r + TWIST.
 AHEAD: Final = 26
 SKEW: Final = 27
 LEFT: Final = 28
@@ -68,7 +68,8 @@ PARAMETER_COUNT: Final = 31
 
 _PositiveShare: TypeAlias = Annotated[float, Meta(gt=0.0, le=1.0)]
 _STABLE_STEP: Final = 2.0
-"""Largest decay rate times step length that is accepted; RK4 is stable up to 2.78."""
+"""Largest decay rate times step length that is accepted; our choice, since RK4 is stable up to
+2.78."""
 
 
 @dataclass(frozen=True)
@@ -82,7 +83,7 @@ class Vehicle:
     """
 
     mass: Positive = 1093.2952334674046
-    """kg."""
+    """Mass, in kg."""
     yaw_inertia: Positive = 1791.5995300122856
     """Yaw inertia about the vertical axis, in kg m²."""
     front_axle: Positive = 1.1561957064
@@ -164,8 +165,8 @@ class Vehicle:
                 f" {1.0 / (STEP_RATE * _STABLE_STEP):g} s are needed to integrate at"
                 f" {STEP_RATE:g} Hz"
             )
-        # At speed v the tyres damp sliding by C/(m v) per second and yawing by l_f l_r C/(I_z v),
-        # where C is the cornering stiffness of both axles.
+        # At speed v the tyres damp sliding at the rate C/(m v) and yawing at l_f l_r C/(I_z v), in
+        # 1/s, where C is the cornering stiffness of both axles in N/rad.
         arm = self.front_axle * self.rear_axle * self.mass / self.yaw_inertia
         decay = self.tyre_stiffness * GRAVITY * max(1.0, arm)
         needed = decay / (STEP_RATE * _STABLE_STEP)
@@ -178,7 +179,7 @@ class Vehicle:
 
     @classmethod
     def named(cls, name: str) -> Vehicle:
-        """Return the car of a name, see `CARS`.
+        """Return the car with a name in `CARS`.
 
         Raises:
             ValueError: There is no such car.
@@ -191,7 +192,10 @@ class Vehicle:
 
     @classmethod
     def of(cls, description: Mapping[str, float | str]) -> Vehicle:
-        """Return the car in ``name``, or the default, with the other parameters of a description.
+        """Return a named car, or the default one, with some parameters replaced.
+
+        Args:
+            description: Parameter -> value; ``name`` is the name of the car.
 
         Raises:
             ValueError: There is no such car or parameter, or a value is out of range.
@@ -217,7 +221,7 @@ class Vehicle:
     def loaded(self, load: float) -> Vehicle:
         """Return the car with ``load`` kg spread evenly between its axles.
 
-        Engine and brakes have the same force. The centre of mass stays where it is.
+        The forces of engine and brakes and the centre of mass do not change.
         """
         share = self.mass / (self.mass + load)
         return replace(
@@ -237,7 +241,13 @@ class Vehicle:
         )
 
     def setup(self, rules: Rules, road: Road, period: float) -> DriveSetup:
-        """Return the setup of a drive with one decision every ``period`` s, for its driver."""
+        """Return the setup that the driver of a drive gets.
+
+        Args:
+            rules: Rules of the drive.
+            road: Road of the drive.
+            period: Time between two decisions, in s.
+        """
         stiffness = self.tyre_stiffness * self.mass * GRAVITY / self.wheelbase
         return DriveSetup(
             speed_limit=rules.start_limit_on(road),
