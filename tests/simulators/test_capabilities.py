@@ -15,7 +15,7 @@ from frenetic.plugins.beamng import BeamngSimulator
 from frenetic.plugins.commonroad import CommonRoadSimulator
 from frenetic.plugins.metadrive import MetaDriveSimulator
 from frenetic.simulators import EmbeddedSimulator, Rules, Simulator
-from frenetic.simulators.capabilities import Capabilities, capabilities, check_pair, usual
+from frenetic.simulators.capabilities import Capabilities, capabilities, check_pair, defaults_of
 from frenetic.simulators.conditions import check_can_vary
 from frenetic.spec.part_record import describe
 from frenetic.testing import DummyDriver, DummySimulator
@@ -70,16 +70,19 @@ def test_declared_capabilities_are_read() -> None:
 
 
 def test_a_class_declares_capabilities_without_an_instance() -> None:
-    assert (usual(Declaring).usual_workers, usual(Declaring).needs) == (2, ("a_module",))
-    assert usual(BeamngSimulator).usual_wall_limit == 600.0
-    assert "home" in usual(BeamngSimulator).place_options
-    assert usual(lambda: DummySimulator()).usual_wall_limit == 60.0
+    assert (defaults_of(Declaring).usual_workers, defaults_of(Declaring).needs) == (
+        2,
+        ("a_module",),
+    )
+    assert defaults_of(BeamngSimulator).usual_wall_limit == 600.0
+    assert "home" in defaults_of(BeamngSimulator).place_options
+    assert defaults_of(lambda: DummySimulator()).usual_wall_limit == 60.0
 
 
 @pytest.mark.parametrize("simulator", [BeamngSimulator, MetaDriveSimulator])
 def test_preloaded_modules_exist(simulator: Any) -> None:
-    assert usual(simulator).preloads
-    for name in usual(simulator).preloads:  # the process server skips missing modules
+    assert defaults_of(simulator).preloads
+    for name in defaults_of(simulator).preloads:  # the process server skips missing modules
         assert find_spec(name) is not None
 
 
@@ -87,9 +90,9 @@ def test_preloaded_modules_exist(simulator: Any) -> None:
     "kind", [EmbeddedSimulator, MetaDriveSimulator, CommonRoadSimulator, DummySimulator]
 )
 def test_a_class_says_which_conditions_its_simulators_lay(kind: type) -> None:
-    of_class, of_instance = usual(kind), capabilities(kind())
+    of_class, of_instance = defaults_of(kind), capabilities(kind())
     assert of_class.variable == of_instance.variable
-    laid = [row.name for row in known_conditions().values() if of_class.lays(row)]
+    laid = [row.name for row in known_conditions().values() if of_class.can_apply(row)]
     simulator, names = kind(), {row.name: row for row in known_conditions().values()}
     for name, row in names.items():
         if name in laid:
@@ -104,7 +107,7 @@ def test_every_condition_that_our_simulators_lay_is_an_option() -> None:
     kinds: tuple[Any, ...] = (EmbeddedSimulator, MetaDriveSimulator, CommonRoadSimulator)
     for kind in kinds:
         for row in known_conditions().values():
-            if row.attribute != "rules" and row.attribute in usual(kind).variable:
+            if row.attribute != "rules" and row.attribute in defaults_of(kind).variable:
                 amount = 0.25 * row.usual[0] + 0.75 * row.usual[1]
                 simulator: Any = kind(**{row.attribute: amount})
                 assert getattr(simulator, row.attribute) == amount

@@ -44,6 +44,20 @@ class Absent(DummySimulator):
     needs = ("a_module_that_is_nowhere",)
 
 
+class Unchecked(DummySimulator):
+    """A simulator that starts, and whose own checks raise."""
+
+    def checks(self) -> Iterator[SimulatorCheck]:
+        raise RuntimeError("the licence server is away")
+
+
+class Unstoppable(DummySimulator):
+    """A simulator that cannot be ended."""
+
+    def __exit__(self, *_: object) -> None:
+        raise RuntimeError("the process stays")
+
+
 class Checking(DummySimulator):
     """A simulator with its own check, which fails."""
 
@@ -54,7 +68,10 @@ class Checking(DummySimulator):
 @pytest.fixture
 def registry(monkeypatch: pytest.MonkeyPatch) -> None:
     """Lets doctor know only the simulators of this file."""
-    parts = (DummySimulator, Crooked, Dead, Failing, Absent, Checking, Tuned)
+    parts = (
+        *(DummySimulator, Crooked, Dead, Failing, Absent),
+        *(Unchecked, Unstoppable, Checking, Tuned),
+    )
     built_in = {part.__name__.lower(): (f"test_doctor:{part.__name__}", "") for part in parts}
     monkeypatch.setattr(
         doctor, "SIMULATORS", Registry("simulator", "frenetic.none", built_in, SIMULATORS.methods)
@@ -88,7 +105,7 @@ def test_a_drive_that_leaves_the_lane_or_stands_fails_its_check() -> None:
     assert "drove out of the lane" in curve.state
     assert "draw it" in curve.remedy
     with EmbeddedSimulator() as simulator:
-        checks = list(drive_checks(simulator, DummyDriver(), who="nobody"))
+        checks = list(drive_checks(simulator, DummyDriver(), driver_name="nobody"))
     assert [check.name for check in checks] == ["straight road, nobody", "curve, nobody"]
     assert all("moved less than 1 m" in check.state for check in checks)
 
@@ -102,12 +119,16 @@ def test_every_simulator_is_examined() -> None:
         "dead": Health.BROKEN,
         "failing": Health.BROKEN,
         "absent": Health.NOT_INSTALLED,
+        "unchecked": Health.BROKEN,
+        "unstoppable": Health.BROKEN,
         "checking": Health.BROKEN,
         "tuned": Health.NOT_SET_UP,
     }
     assert examinations["absent"].note == 'pip install ".[absent]" in the clone of Frenetic'
     assert "say where it is" in examinations["tuned"].note
     assert examinations["dead"].failed[0].state.startswith("OSError: no display (test_doctor.py:")
+    for name, failed in (("dead", "start"), ("unchecked", "checks"), ("unstoppable", "end")):
+        assert [check.name for check in examinations[name].failed] == [failed]
     assert len(examinations["failing"].failed) == 2
     for check in examinations["failing"].failed:
         assert check.state.startswith("RuntimeError: out of memory (test_doctor.py:")

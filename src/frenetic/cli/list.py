@@ -105,7 +105,7 @@ def _laid_by(simulator: str) -> list[str] | None:
     except FreneticError:  # its package is broken
         return None
     rows = known_conditions().values()
-    return [row.name for row in rows if usual.lays(row) and not row.needs_camera]
+    return [row.name for row in rows if usual.can_apply(row) and not row.needs_camera]
 
 
 def _classes() -> list[RoadClass]:

@@ -1,7 +1,7 @@
 """Capabilities of a simulator beyond the methods of the protocol.
 
-A simulator declares a capability by an attribute or method of that name; an undeclared one has its
-default. Only this module looks for them.
+A simulator declares a capability by an attribute or method of the capability's name; an undeclared
+capability has its default. Only this module reads the declarations.
 """
 
 from __future__ import annotations
@@ -23,8 +23,12 @@ from frenetic.simulators.simulator import Simulator
 if TYPE_CHECKING:
     from frenetic.road.classes import RoadClass
 
-_FLAT: Final = "flat roads of one width only"
-_REMEDY: Final = "leave superelevation, grade and widening out"
+_FLAT_ROADS: Final = "flat roads of one width only"
+_FLATTEN: Final = "leave superelevation, grade and widening out"
+_HANGING_FACTOR: Final = 1.5
+"""Wall time of a drive that hangs, as a multiple of `Capabilities.wall_limit`; our choice."""
+_HANGING_EXTRA: Final = 10.0
+"""Wall time of a drive that hangs in addition, in s; our choice."""
 
 
 def _accept(_: Driver) -> None:
@@ -33,33 +37,37 @@ def _accept(_: Driver) -> None:
 
 @dataclass(frozen=True)
 class SimulatorDefaults:
-    """Capabilities that a simulator's class declares before one is made."""
+    """Capabilities that a simulator's class declares, known before a simulator is made."""
 
     needs: tuple[str, ...] = ()
     """Modules without which the simulator is not installed."""
     preloads: tuple[str, ...] = ()
-    """Modules that are imported before its processes are forked, so that what takes long is done
-    once; importing them raises nothing."""
+    """Modules that are imported once, before worker processes are forked, because importing them
+    takes long; importing them raises nothing."""
     usual_wall_limit: Positive = 60.0
     """Wall time that a drive may take unless another limit is given, in s."""
     usual_workers: Count | None = None
     """Number of workers unless another is given; None: one per processor core."""
 
     place_options: tuple[str, ...] = ()
-    """Names of options that say where the simulator is and change no drive: a campaign may be
-    resumed with other values, and a road's file never gives them."""
+    """Names of options that say where the simulator is installed or running, and change no drive:
+    a campaign may be resumed with other values, and a road's file never sets them."""
     variable: frozenset[str] = frozenset()
-    """Attributes of the simulator that `frenetic.conditions` names: they may be set between two
-    drives. With a `steering_lag` of None, its ``vehicle`` has one."""
+    """Attributes of the simulator that hold the amounts of conditions (`frenetic.conditions`) and
+    may be set between two drives. A `steering_lag` of None stands for the lag of its
+    ``vehicle``."""
 
     @property
     def missing(self) -> list[str]:
         """Modules of `needs` that are not installed."""
         return [module for module in self.needs if find_spec(module) is None]
 
-    def lays(self, row: Condition) -> bool:
-        """Return whether the simulator lays a condition, as an attribute or over the driver."""
-        return not row.attribute or row.attribute in self.variable
+    def can_apply(self, condition: Condition) -> bool:
+        """Return whether drives can have a condition.
+
+        A condition without an attribute needs none of the simulator: it is a wrapper of the driver.
+        """
+        return not condition.attribute or condition.attribute in self.variable
 
 
 @dataclass(frozen=True)
@@ -71,33 +79,37 @@ class Capabilities(SimulatorDefaults):
     workers_at_most: Count | None = None
     """Number of workers that can use the simulator at once; None if there is no limit."""
     prepare: Callable[[], None] = lambda: None
-    """Finds out the `car` of a simulator that has to start for it; called before a campaign."""
+    """Called before a campaign: sets the `car` of a simulator that must start to measure it."""
     check_driver: Callable[[Driver], None] = _accept
-    """Raises a `DriverError` if a driver cannot drive in the simulator; called first of all."""
+    """Called before anything else: raises a `DriverError` if a driver cannot drive in the
+    simulator."""
     checks: Callable[[], Iterable[SimulatorCheck]] = tuple
-    """Gives the checks of 'frenetic doctor' beside two drives; called once it is entered."""
+    """Yields further checks for 'frenetic doctor'; called while the simulator is entered."""
     drives_compiled: Callable[[Driver], bool] = lambda _: False
-    """Whether a driver's drives are compiled code of ours alone, which needs no process of its
-    own."""
+    """Whether a driver's drives run compiled code of Frenetic alone, and so need no separate
+    process."""
     period_step: Positive | None = None
-    """Period of which a driver's own period may be a multiple, in s; None: it cannot have one."""
+    """Time of which a driver's period is a multiple, in s; None if all drivers have the
+    simulator's period."""
     draws: bool = False
     """Whether the simulator draws pictures for a driver with a camera."""
     lays_slopes: bool = False
-    """Whether its roads lean, rise and widen as `Road` says; others are not driven in it."""
+    """Whether the simulator's roads lean, rise and widen as `Road` says; without it, the simulator
+    refuses all but flat roads."""
 
     @property
     def drive_limit(self) -> float:
         """Wall time in s after which a worker that drives one road counts as hanging."""
-        return 1.5 * self.wall_limit + 10.0
+        return _HANGING_FACTOR * self.wall_limit + _HANGING_EXTRA
 
 
-def usual(factory: Callable[..., Any]) -> SimulatorDefaults:
+def defaults_of(factory: Callable[..., Any]) -> SimulatorDefaults:
     """Return the capabilities that a simulator's class declares.
 
     Raises:
         FreneticError: A declared value is invalid.
     """
+    # Every simulator has `rules`, but sets them in the constructor: the class does not have them.
     return SimulatorDefaults(
         **_declared(factory, SimulatorDefaults) | {"variable": _variable(factory) | {"rules"}}
     )
@@ -114,19 +126,19 @@ def capabilities(simulator: Simulator) -> Capabilities:
 
 
 def _variable(part: object) -> frozenset[str]:
-    """Return the attributes with amounts that a simulator or its class has."""
+    """Return the names of the attributes with amounts of conditions of a simulator or its class."""
     return frozenset(name for name in attributes() if hasattr(part, name))
 
 
 def check_pair(simulator: Simulator, driver: Driver) -> None:
     """Check whether a driver can drive in a simulator, before anything is driven.
 
-    It looks at the driver's period and camera, and asks the driver, the drivers under its wrappers
-    (see `SelectiveDriver`) and the simulator's ``check_driver``.
+    The check reads the driver's period and camera, and asks the driver, the drivers under its
+    wrappers (see `SelectiveDriver`) and the simulator's ``check_driver``.
 
     Raises:
-        DriverError: Driver or simulator refuses, the simulator cannot keep the driver's period, or
-            the driver has a camera and the simulator draws nothing.
+        DriverError: The driver or the simulator refuses the other, the simulator cannot keep the
+            driver's period, or the driver has a camera and the simulator draws nothing.
     """
     declared = capabilities(simulator)
     period_of(driver, declared.period_step)
@@ -145,11 +157,11 @@ def check_road(simulator: Simulator, driver: Driver, road: Road) -> None:
     """Check whether a simulator can drive this road with this driver.
 
     Raises:
-        RoadError: The road leans, rises or widens, and the simulator lays only flat roads, or the
+        RoadError: The road leans, rises or widens, and the simulator has only flat roads, or the
             driver has a camera.
     """
-    if not road.is_plain and (reason := _lays_only(simulator, driver)):
-        raise RoadError(f"{reason}: {_REMEDY}")
+    if not road.is_plain and (reason := _flat_only_reason(simulator, driver)):
+        raise RoadError(f"{reason}: {_FLATTEN}")
 
 
 def check_class(simulator: Simulator, driver: Driver, road_class: RoadClass) -> None:
@@ -158,18 +170,18 @@ def check_class(simulator: Simulator, driver: Driver, road_class: RoadClass) -> 
     Raises:
         FreneticError: The roads lean, rise or widen, and `check_road` refuses such roads.
     """
-    if road_class.plain and (reason := _lays_only(simulator, driver)):
+    if road_class.plain and (reason := _flat_only_reason(simulator, driver)):
         other = "simulator" if not capabilities(simulator).lays_slopes else "driver"
         raise FreneticError(
             f"{reason}: choose another {other}, or the road class {road_class.plain}"
         )
 
 
-def _lays_only(simulator: Simulator, driver: Driver) -> str:
-    """Return the limits of a simulator with this driver in words; empty if it lays every road."""
+def _flat_only_reason(simulator: Simulator, driver: Driver) -> str:
+    """Return why a simulator with this driver drives flat roads only; empty if it drives all."""
     if not capabilities(simulator).lays_slopes:
-        return f"{type(simulator).__name__} drives {_FLAT}"
-    return f"A camera sees {_FLAT}" if camera_of(driver) is not None else ""
+        return f"{type(simulator).__name__} drives {_FLAT_ROADS}"
+    return f"A camera sees {_FLAT_ROADS}" if camera_of(driver) is not None else ""
 
 
 def check_drawn(road: Road) -> None:
@@ -179,13 +191,13 @@ def check_drawn(road: Road) -> None:
         RoadError: The road leans, rises or widens.
     """
     if not road.is_plain:
-        raise RoadError(f"A camera sees {_FLAT}: {_REMEDY}")
+        raise RoadError(f"A camera sees {_FLAT_ROADS}: {_FLATTEN}")
 
 
 def _declared(part: object, kind: type[SimulatorDefaults]) -> dict[str, Any]:
-    """Return the capabilities of a kind that a simulator or its class declares."""
+    """Return name -> value of the capabilities of a kind that a simulator or its class declares."""
     values = {item.name: getattr(part, item.name, None) for item in fields(kind)}
-    # On a class, a property says nothing before there is an instance.
+    # A property has no value on a class, only on an instance.
     declared = {
         name: value
         for name, value in values.items()

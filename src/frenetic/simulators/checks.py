@@ -1,4 +1,4 @@
-"""Checks of a simulator, and two drives that every simulator must pass."""
+"""The result of a simulator's check, and two drives that every simulator must pass."""
 
 from __future__ import annotations
 
@@ -18,25 +18,30 @@ from frenetic.simulators.simulator import Simulator
 
 @dataclass(frozen=True)
 class SimulatorCheck:
-    """One check of a simulator with its result."""
+    """Result of one check of a simulator."""
 
     name: str
+    """Name of what was checked, such as ``licence``."""
     is_ok: bool
+    """Whether the simulator passed the check."""
     state: str
-    """State of the checked thing, or what is wrong with it."""
+    """What the check found, in words."""
     remedy: str = ""
-    """Advice for the user; empty if nothing is wrong."""
+    """Advice for the user; empty if the simulator passed."""
 
 
-def broken(name: str, error: Exception, remedy: str) -> SimulatorCheck:
-    """Return a check that ended in an error."""
-    return SimulatorCheck(name, False, reason_of(error), remedy)
+def failed_by_error(name: str, error: Exception, remedy: str) -> SimulatorCheck:
+    """Return the result of a check that raised an error."""
+    return SimulatorCheck(name, is_ok=False, state=reason_of(error), remedy=remedy)
 
+
+MORE_DETAIL: Final = "see the message; 'frenetic --debug doctor' says more"
+"""Remedy for a check that raised an error."""
 
 # Roads that every driver can follow
 
 STRAIGHT: Final = Road(np.zeros(13), pose=Pose(40.0, 100.0, 0.0))
-"""120 m."""
+"""A straight road of 120 m."""
 CURVE: Final = Road(
     np.array([0.0] * 4 + [0.01, 0.025, 0.025, 0.025, 0.01] + [0.0] * 4), pose=Pose(60.0, 60.0, 0.0)
 )
@@ -44,26 +49,29 @@ CURVE: Final = Road(
 
 
 def drive_checks(
-    simulator: Simulator, driver: Driver | None = None, *, who: str = "Stanley"
+    simulator: Simulator, driver: Driver | None = None, *, driver_name: str = "Stanley"
 ) -> Iterator[SimulatorCheck]:
     """Check that a driver stays in its lane on a straight road and in a curve.
 
     Args:
         simulator: An entered simulator.
-        driver: A driver; None for `Stanley`.
-        who: Name of the driver.
+        driver: Driver that drives; None for `Stanley`.
+        driver_name: Name of the driver in the names of the checks.
+
+    Yields:
+        Result of the drive on each road.
     """
-    for name, road in (("straight road", STRAIGHT), ("curve", CURVE)):
-        name = f"{name}, {who}"
+    for road_name, road in (("straight road", STRAIGHT), ("curve", CURVE)):
+        name = f"{road_name}, {driver_name}"
         try:
             drive = simulator.drive(road, driver or Stanley())
         except Exception as error:
-            yield broken(name, error, "see the message; 'frenetic --debug doctor' says more")
+            yield failed_by_error(name, error, MORE_DETAIL)
             continue
         result = judge(road, drive)
         if result.outcome is not Outcome.PASS or result.moobd is None or result.moobd <= 0.0:
             remedy = "draw it; is the car or the road as it should be?"
-            yield SimulatorCheck(name, False, result.reason, remedy)
+            yield SimulatorCheck(name, is_ok=False, state=result.reason, remedy=remedy)
         else:
             state = f"{road.length:.0f} m in {result.duration:.1f} s, MOOBD {result.moobd:.2f} m"
-            yield SimulatorCheck(name, True, state)
+            yield SimulatorCheck(name, is_ok=True, state=state)

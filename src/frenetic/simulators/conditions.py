@@ -1,4 +1,4 @@
-"""Conditions that differ from those in which a road was driven.
+"""Conditions of one drive: put the simulator into them, and the driver's wrappers over the driver.
 
 A simulator offers the conditions that it can vary as attributes that may be set between two drives
 (`frenetic.simulators.capabilities`): ``rules``, which every simulator has, and ``friction``,
@@ -23,15 +23,15 @@ from frenetic.simulators.capabilities import capabilities, check_pair
 from frenetic.simulators.simulator import Simulator
 
 Conditions: TypeAlias = Mapping[str, float]
-"""Name of a condition -> its amount, where it differs from the campaign's; and the seed of what is
-random, as `frenetic.conditions.condition.SEED`."""
+"""Name of a condition -> its amount, where that differs from the campaign's amount. The key
+`frenetic.conditions.condition.SEED` holds the seed of random conditions."""
 
 
 def check_conditions(values: Conditions) -> None:
-    """Check conditions that come from a file or a user.
+    """Check the names and amounts of conditions that come from a file or a user.
 
     Raises:
-        ValueError: A name is no condition, or a value is not a finite number.
+        ValueError: A name is no condition's, or an amount is not a finite number.
     """
     if unknown := sorted(values.keys() - {*known_conditions(), SEED}):
         raise ValueError(
@@ -45,30 +45,35 @@ def check_can_vary(simulator: Simulator, names: Iterable[str]) -> None:
     """Refuse conditions that a simulator cannot vary.
 
     Raises:
-        FreneticError: The simulator cannot vary a condition.
+        FreneticError: The simulator lacks the attribute of a condition.
     """
     declared = capabilities(simulator)
-    for row in map(condition_named, names):
-        if not declared.lays(row):
+    for condition in map(condition_named, names):
+        if not declared.can_apply(condition):
             raise FreneticError(
-                f"{type(simulator).__name__} cannot vary {row.name}: it has no attribute"
-                f" {row.attribute!r}; leave it out, or use another simulator, such as the embedded"
-                " one ('frenetic list simulators')"
+                f"{type(simulator).__name__} cannot vary {condition.name}: it has no attribute"
+                f" {condition.attribute!r}; leave it out, or use another simulator, such as the"
+                " embedded one ('frenetic list simulators')"
             )
 
 
 def own_amount(simulator: Simulator, name: str) -> float | None:
-    """Return a simulator's amount of a condition that is its attribute; None if there is none."""
-    value: Any = getattr(simulator, condition_named(name).attribute)
-    if value is None:  # it is the vehicle's
-        value = getattr(getattr(simulator, "vehicle", None), condition_named(name).attribute, None)
+    """Return the amount of a condition that an attribute of the simulator holds.
+
+    None if neither the simulator nor its vehicle has an amount.
+    """
+    attribute = condition_named(name).attribute
+    value: Any = getattr(simulator, attribute)
+    if value is None:  # then the vehicle has the amount
+        value = getattr(getattr(simulator, "vehicle", None), attribute, None)
     return value.speed_limit if isinstance(value, Rules) else value
 
 
 def usual_conditions(conditions: Conditions, simulator: Simulator) -> dict[str, float]:
-    """Return the usual amounts of some conditions: without effect, or the simulator's.
+    """Return the usual amounts of some conditions.
 
-    A place on the road has no usual amount.
+    That is the amount without effect or, of a condition that always has an effect, such as
+    friction, the simulator's amount. A condition that is a place on the road has no usual amount.
     """
     amounts: dict[str, float] = {}
     for name in condition_names(conditions):
@@ -80,7 +85,7 @@ def usual_conditions(conditions: Conditions, simulator: Simulator) -> dict[str, 
 
 
 def rules_in(conditions: Conditions, rules: Rules) -> Rules:
-    """Return the rules of a drive in some conditions, in a campaign with these rules."""
+    """Return a campaign's rules, changed as the conditions of a drive ask: the speed limit."""
     for name in condition_names(conditions):
         if condition_named(name).attribute == "rules":
             rules = rules.with_speed(conditions[name])
@@ -89,7 +94,10 @@ def rules_in(conditions: Conditions, rules: Rules) -> Rules:
 
 @contextmanager
 def in_conditions(conditions: Conditions, simulator: Simulator, driver: Driver) -> Iterator[Driver]:
-    """Put a simulator into some conditions for a while; yield the driver for them.
+    """Put a simulator into some conditions until the context ends.
+
+    Yields:
+        The driver under the wrappers of the conditions.
 
     Raises:
         FreneticError: The simulator cannot be put into the conditions.
@@ -112,7 +120,7 @@ def in_conditions(conditions: Conditions, simulator: Simulator, driver: Driver) 
 
 
 def check_pair_in(conditions: Conditions, simulator: Simulator, driver: Driver) -> None:
-    """Check whether a driver can drive in a simulator in some conditions, as `check_pair` does.
+    """Check whether a driver can drive in a simulator in some conditions, see `check_pair`.
 
     Raises:
         FreneticError: The simulator or the driver cannot have the conditions.
@@ -122,6 +130,11 @@ def check_pair_in(conditions: Conditions, simulator: Simulator, driver: Driver) 
 
 
 def _set(simulator: Simulator, values: Mapping[str, object]) -> None:
+    """Set attributes of a simulator.
+
+    Raises:
+        FreneticError: The simulator refuses a value.
+    """
     for attribute, value in values.items():
         try:
             setattr(simulator, attribute, value)

@@ -1,8 +1,8 @@
-"""Checks of the simulators on this machine: what is wrong and what to do.
+"""Examine the simulators on this machine: say what is wrong and what to do.
 
-Every simulator has to start and to pass `drive_checks`. It may offer a method ``checks``, which
-gives further checks. A class attribute ``needs`` names the modules without which
-the simulator is not installed.
+An examination starts a simulator, makes the checks that its method ``checks`` yields, if it has
+one, and drives two roads, see `drive_checks`. The class attribute ``needs`` of a simulator names
+the modules that must be importable.
 """
 
 from __future__ import annotations
@@ -15,28 +15,37 @@ from typing import Any
 from frenetic._support.words import pip_install
 from frenetic.errors import FreneticError
 from frenetic.parts.registry import SIMULATORS
-from frenetic.simulators.capabilities import capabilities, usual
-from frenetic.simulators.checks import SimulatorCheck, broken, drive_checks
+from frenetic.simulators.capabilities import capabilities, defaults_of
+from frenetic.simulators.checks import (
+    MORE_DETAIL,
+    SimulatorCheck,
+    drive_checks,
+    failed_by_error,
+)
 from frenetic.simulators.simulator import Simulator
 
 
 class Health(StrEnum):
-    """State of a simulator."""
+    """Result of a simulator's examination."""
 
     OK = "ok"
     BROKEN = "something is wrong"
+    """At least one check failed."""
     NOT_SET_UP = "not set up"
-    """The simulator is installed, but needs an option."""
+    """The simulator cannot be made without options: it needs one, or its code cannot be loaded."""
     NOT_INSTALLED = "not installed"
+    """A module that the simulator needs is missing."""
 
 
 @dataclass(frozen=True)
 class Examination:
-    """Findings about a simulator."""
+    """Examination of a simulator: the results of all checks."""
 
     simulator: str
+    """Name of the simulator, as on the command line."""
     health: Health
     checks: tuple[SimulatorCheck, ...]
+    """Results of the checks, in order; empty if the simulator was not checked."""
     note: str = ""
     """Reason why nothing was checked; empty if the simulator was checked."""
 
@@ -52,12 +61,12 @@ def examine(
     *,
     on_check: Callable[[SimulatorCheck], None] | None = None,
 ) -> Examination:
-    """Check one simulator.
+    """Make a simulator and check it.
 
     Args:
         name: Name of the simulator, as on the command line.
-        options: Options with which it is made.
-        on_check: Called with each finished check.
+        options: Options with which the simulator is made.
+        on_check: Called with the result of each check as soon as the check is finished.
 
     Raises:
         FreneticError: There is no such simulator, or an option does not suit it.
@@ -73,11 +82,14 @@ def examine(
 
 
 def examine_all() -> Iterator[Examination]:
-    """Check all installed simulators, each made without options."""
+    """Yield an examination of each known simulator, made without options.
+
+    A simulator that is not installed, or that cannot be made, is not checked.
+    """
     for entry in SIMULATORS.entries():
         try:
             factory = SIMULATORS.load(entry.name)
-            if usual(factory).missing:
+            if defaults_of(factory).missing:
                 yield Examination(entry.name, Health.NOT_INSTALLED, (), pip_install(entry.name))
                 continue
             yield examine(entry.name)
@@ -86,10 +98,14 @@ def examine_all() -> Iterator[Examination]:
 
 
 def _checks(simulator: Simulator) -> Iterator[SimulatorCheck]:
+    """Yield the results of all checks; an error outside a check fails the stage that it ends."""
+    stage = "start"
     try:
         with simulator:
-            yield SimulatorCheck("start", True, "it starts")
+            yield SimulatorCheck("start", is_ok=True, state="it starts")
+            stage = "checks"
             yield from capabilities(simulator).checks()
             yield from drive_checks(simulator)
+            stage = "end"
     except Exception as error:
-        yield broken("start", error, "see the message; then try again")
+        yield failed_by_error(stage, error, MORE_DETAIL)

@@ -1,4 +1,4 @@
-"""The Simulator protocol, and the start of a car where a simulator can vary it."""
+"""The Simulator protocol, and attributes of simulators that hold the amounts of conditions."""
 
 from __future__ import annotations
 
@@ -16,13 +16,15 @@ from frenetic.road import Road
 class Simulator(Protocol):
     """A simulator: it drives a driver along roads, one after the other.
 
-    It is a context manager: entering starts its parts, leaving ends them in every case. It is made
-    with ``rules=Rules(...)`` and puts them into every `Drive`.
+    A simulator is a context manager: entering starts what it needs, such as a process, and leaving
+    ends that, also after an error. Its class takes ``rules=Rules(...)``, which `drive` puts into
+    every `Drive`.
 
     `drive` puts the car at rest on the centre of the ego lane at the road's first point, aligned
-    with the road, and records it at a fixed rate until `frenetic.oracle.verdict` says that the
-    drive has ended. A driver or simulator that breaks gives a `Drive` with its `trouble` instead of
-    an exception, and leaves the next drive clean. The same road and driver give the same drive.
+    with the road, and records the car at a fixed rate until `frenetic.oracle.verdict` says that the
+    drive has ended. If the driver or the simulator breaks, `drive` returns a `Drive` with `trouble`
+    instead of raising an exception, and the next drive is not affected. The same road and driver
+    give the same drive.
     """
 
     rules: Rules
@@ -46,7 +48,7 @@ class Simulator(Protocol):
 
 
 class Ready:
-    """Base of simulators that start and end nothing."""
+    """Base of simulators that start nothing when they are entered and end nothing afterwards."""
 
     def __enter__(self) -> Self:
         """Start nothing."""
@@ -65,11 +67,13 @@ T = TypeVar("T", float, float | None)
 
 
 class Amount(Generic[T]):
-    """An attribute of a simulator with the amount of a condition, checked when it is set.
+    """Descriptor: an attribute of a simulator that holds the amount of a condition.
+
+    A new amount must be in the condition's range.
 
     Args:
         name: Name of the condition.
-        usual: Amount that holds until another is set; it need not be in the condition's range.
+        usual: Amount before one is set; it may lie outside the condition's range.
     """
 
     def __init__(self, name: str, usual: T) -> None:
@@ -87,16 +91,16 @@ class Amount(Generic[T]):
 
     def __set__(self, simulator: object, value: T) -> None:
         if value != self.usual:
-            row = condition_named(self._name)
-            if not (isinstance(value, Real) and row.low <= value <= row.high):
-                text = f"{self._attribute} is {value!r}: {row.allowed} is needed"
+            condition = condition_named(self._name)
+            if not (isinstance(value, Real) and condition.low <= value <= condition.high):
+                text = f"{self._attribute} is {value!r}: {condition.allowed} is needed"
                 raise ValueError(text)
             value = float(value)
         vars(simulator)[f"_{self._attribute}"] = value
 
 
 def unusual_amounts(simulator: object) -> dict[str, Any]:
-    """Return the unusual values of a simulator's `Amount`s, by their names."""
+    """Return attribute -> amount of a simulator's `Amount`s that are not at their usual amount."""
     return {
         name: value
         for kind in reversed(type(simulator).__mro__)
@@ -106,7 +110,7 @@ def unusual_amounts(simulator: object) -> dict[str, Any]:
 
 
 class StartingPlace:
-    """Base of simulators with the place of a car's start as two checked attributes."""
+    """Base of simulators in which the car can start beside the lane's centre or turned."""
 
     start_offset = Amount[float]("start", 0.0)
     """Distance of the car's start to the left of the ego lane's centre, in m."""

@@ -37,6 +37,6 @@ def followed_by(earlier: str, later: str) -> str:
 
 def usual_of(simulator: str) -> SimulatorDefaults:
     """Return the defaults that a simulator's class declares."""
-    from frenetic.simulators.capabilities import usual  # numba takes its time
+    from frenetic.simulators.capabilities import defaults_of  # numba takes its time
 
-    return usual(SIMULATORS.load(simulator))
+    return defaults_of(SIMULATORS.load(simulator))

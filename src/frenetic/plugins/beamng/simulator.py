@@ -271,7 +271,7 @@ class BeamngSimulator:
         yield SimulatorCheck("licence", link.is_licensed, state, "" if link.is_licensed else remedy)
         size = f"{car.length:g} by {car.width:g} m, steers by {abs(car.steering):.2f} rad"
         yield SimulatorCheck("car", True, f"{self.vehicle} in BeamNG.tech {link.version}, {size}")
-        yield from drive_checks(self, BeamngAi(), who="BeamNG.AI")
+        yield from drive_checks(self, BeamngAi(), driver_name="BeamNG.AI")
 
     def check_driver(self, driver: Driver) -> None:
         """Refuse options that BeamNG.AI or BeamNG.tech's camera lacks.
