@@ -47,7 +47,7 @@ def shrink(
     place: float | None = None,
 ) -> Shrunk:
     """Answer a shrinker until it ends or has made ``max_trials`` trials."""
-    shrinker, is_minimal = Shrinker(start, neighbours, place=place), False
+    shrinker, is_minimal = Shrinker(start, neighbours, failure_distance=place), False
     run = shrinker.run()
     try:
         shape = next(run)
@@ -225,7 +225,7 @@ def test_samples_denser_than_10_m_are_thinned_out_first() -> None:
     start = Shape(tuple(np.interp(places, [0.0, 60.0, 120.0], [0.0, 0.06, 0.0])), 0.5)
     shrunk = shrink(start, when(sharp(0.055)), max_trials=1)
     assert (shrunk.shape.step, len(shrunk.shape)) == (10.0, 13)
-    assert shrunk.improvements[0].by == "coarsen"
+    assert shrunk.improvements[0].pass_name == "coarsen"
     dense = when(lambda shape: sharp(0.05)(shape) and shape.length >= 15.0)
     for place, trials, step in (
         (7, 3, 1.0),

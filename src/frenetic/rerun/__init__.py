@@ -1,4 +1,4 @@
-"""Drive a campaign's roads again: whether they still fail, with a new version, and how short.
+"""Drive a campaign's roads again: repeat, vary, minimise, compare versions, estimate rates.
 
 Each rerun is a campaign in the folder ``rerun`` of the campaign whose roads it drives.
 """
