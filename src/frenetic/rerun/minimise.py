@@ -1,7 +1,7 @@
 """Minimise failing roads: find the shortest and plainest road with the same failure.
 
-The tried roads are a campaign, so minimising goes on where it was interrupted.
-`frenetic.rerun.minimising_strategy` proposes them.
+`frenetic.rerun.minimising_strategy` proposes roads. The drives on them are a campaign, so an
+interrupted call continues when it is repeated.
 """
 
 from __future__ import annotations
@@ -48,13 +48,16 @@ from frenetic.simulators.conditions import Conditions, usual_conditions
 from frenetic.spec import Budget
 
 MAX_DRIVES: Final = 500
-"""Default for the most drives per road."""
-LEAST_EACH: Final = 50
-"""Number of drives with which most roads come near their final length."""
-MOST_EACH: Final = 120
-"""Number of drives after which hardly any road gets shorter."""
+"""Default of the most drives per road; our choice."""
+MIN_DRIVES_PER_CAUSE: Final = 50
+"""Fewest drives for the road of a cause: with them most roads come near their final length; our
+choice."""
+MAX_DRIVES_PER_CAUSE: Final = 120
+"""Most drives for the road of a cause: after them hardly any road gets shorter; our choice."""
 CAUSE: Final = f"{kind_number.__module__}:{kind_number.__name__}"
-"""Name of the objective of the campaigns that drive."""
+"""Name of the objective, the kind of the failure's cause, of campaigns that minimise."""
+_SLOW_FAULTS: Final = (HANGS, ENDS_ITS_PROCESS, IS_KILLED, BREAKS_PROTOCOL)
+"""Kinds of faults of a driver that make each drive take long."""
 
 
 class StopReason(StrEnum):
@@ -63,9 +66,9 @@ class StopReason(StrEnum):
     MINIMAL = "minimal"
     """No pass finds a smaller road."""
     SPENT = "spent"
-    """The allowed drives or time are spent."""
+    """The allowed drives or the allowed time are spent."""
     STOPPED = "stopped"
-    """Minimising was interrupted or gave up: the same call goes on."""
+    """Minimising was interrupted or gave up: the same call continues it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,7 +78,7 @@ class Minimised:
     original: Test
     """Drive on the failing road."""
     passes: Conditions
-    """Condition -> amount nearer to the usual one with which the smallest road passes."""
+    """Condition -> amount nearer to the usual amount with which the smallest road passes."""
     smallest: Test
     """Drive on the smallest road with the same failure; possibly the original."""
     reason: FailureReason
@@ -85,20 +88,24 @@ class Minimised:
     new_drives: int
     """Number of drives of this call."""
     folder: str
-    """Name of the folder of the campaign that drove, in ``rerun`` of the road's campaign."""
+    """Name of the folder of the campaign that drove, in the folder ``rerun`` of the road's
+    campaign."""
     stop_reason: StopReason
+    """Reason why minimising ended."""
     error: str | None
-    """Reason for giving up: the simulator or driver broke repeatedly; None otherwise."""
+    """Error by which minimising gave up, as when the simulator broke repeatedly; None otherwise."""
     is_guarded: bool
     """Whether the smallest road also fails with all curvatures smaller or larger by `GUARD`."""
     match: Match | None = None
-    """Match of the original's failure now with the recorded failure; None without a campaign."""
+    """Match of the original road's failure in this call with the failure that its campaign
+    recorded; None if the road is of no campaign."""
 
     @property
     def difference(self) -> float:
-        """Difference of the failures on both roads, in m; at most `THRESHOLD`.
+        """Difference of the failures on both roads, in m, see `Failure.difference`.
 
-        It is 0 for a fault of the driver, which is the same failure wherever the line raises.
+        It is 0 for a fault of the driver: an error of the same line is the same failure, wherever
+        on the road the line raises it.
         """
         if self.smallest.result.fault is not None:
             return 0.0
@@ -113,10 +120,10 @@ class Minimised:
         return self.smallest.candidate.conditions
 
     def conditions_text(self) -> str:
-        """Return the conditions in words, with the amounts that make the smallest road pass."""
-        texts = as_text(self.conditions)
-        bounds = [f"{condition_named(name).text(value)}" for name, value in self.passes.items()]
-        return f"{texts}; not with {' or '.join(bounds)}" if bounds else texts
+        """Return the conditions in words, with the amounts with which the smallest road passes."""
+        text = as_text(self.conditions)
+        passing = [condition_named(name).text(amount) for name, amount in self.passes.items()]
+        return f"{text}; not with {' or '.join(passing)}" if passing else text
 
     @property
     def road(self) -> Road:
@@ -139,22 +146,25 @@ def minimise(
     conditions: Conditions = MappingProxyType({}),
     **options: Unpack[RerunOptions],
 ) -> Minimised:
-    """Return the smallest road with the same failure, in the plainest conditions.
+    """Find the smallest road with the same failure, in the plainest conditions.
 
-    Smaller is shorter, or as long and plainer, in the order of `frenetic.rerun.shrinker.Shape`.
-    Each road that the search keeps is valid and was driven with the failure. So were two neighbours
-    of it, with all curvatures smaller and larger by `GUARD`: the failure survives a slight change.
-    If a neighbour of the original passes, roads may lack failing neighbours until one has them. No
-    road is driven twice, and the result is deterministic.
+    A road is smaller if it is shorter, or as long and plainer, see `Shape.rank` of
+    `frenetic.rerun.shrinker`. Each road that is kept is valid and failed when it was driven. So did
+    its two neighbours, which have all curvatures smaller or larger by `GUARD`: a slight change does
+    not cure the failure. If a neighbour of the original road passes, neighbours may pass until a
+    road is found whose neighbours both fail. No road is driven twice, and the same call gives the
+    same result.
 
     Args:
         road: failing road.
         tester: drives roads on the terms of the failure.
         max_drives: most drives to spend; refused roads cost none.
         seconds: most wall time to spend, in s; None for no limit.
-        conditions: conditions in which the road fails. The result lacks those that the failure does
-            not need; the others move towards the usual ones as far as the failure lasts.
-        folder: folder of the road's campaign, which keeps the drives; by default none are kept.
+        conditions: conditions in which the road fails. Conditions that the failure does not need
+            are left out; the amounts of the others move towards the usual ones as far as the road
+            still fails.
+        folder: folder of the road's campaign, which keeps the drives; by default they are thrown
+            away.
         options: see `RerunOptions`.
 
     Raises:
@@ -197,7 +207,7 @@ def minimise(
                 raise
             error_text = str(error)
         with CampaignStore.open(campaign.folder) as store:
-            if strategy.shrinker is None:  # no drive was missing
+            if strategy.shrinker is None:  # the campaign was complete: tell the strategy its drives
                 strategy = new_strategy()
                 replay(store, strategy, plan.budget, Objective.load(CAUSE))
             return _minimised(store, strategy, max_drives, error_text, before)
@@ -217,7 +227,10 @@ def _require_equal_lanes(road: Road, lane_width: float) -> None:
 
 
 def _start_shape(road: Road, road_class: RoadClass | None) -> Shape:
-    """Return a road's shape without the profiles that its class gives shorter roads, too."""
+    """Return a road's shape, without the profiles that the road class gives the road by itself.
+
+    The tester gives every road of the class such profiles, also shorter ones.
+    """
     profiles = {name: getattr(road, name) for name in profile.NAMES}
     if road_class is not None:
         for name, values in road_class.profiles(road.curvatures, road.step).items():
@@ -237,7 +250,19 @@ def _simulations(folder: Path) -> int:
 def _minimised(
     store: CampaignStore, strategy: Minimising, max_drives: int, error: str | None, before: int
 ) -> Minimised:
-    """Return the result of a strategy, from its campaign with ``before`` earlier drives."""
+    """Return the result of a strategy.
+
+    Args:
+        store: campaign with the strategy's drives.
+        strategy: the strategy, which was told all drives.
+        max_drives: most drives to spend.
+        error: error by which the campaign gave up; None if it did not.
+        before: number of drives of earlier calls.
+
+    Raises:
+        KeyboardInterrupt: there is no drive.
+        FreneticError: the first road does not fail.
+    """
     first = next(store.tests(), None)
     if first is None:
         raise KeyboardInterrupt  # Ctrl-C came before the first drive
@@ -272,15 +297,17 @@ def minimise_causes(
 ) -> Iterator[tuple[int, Minimised | FreneticError]]:
     """Minimise one failure of each cause, in the order of the causes, until an interruption.
 
-    Each cause gets the same share of the drives, at most `MOST_EACH`. Causes for which fewer than
-    `LEAST_EACH` drives are left get none. Drivers that hang or end their process get none, because
-    each such drive takes long.
+    Each cause gets the same share of the drives, within `MIN_DRIVES_PER_CAUSE` and
+    `MAX_DRIVES_PER_CAUSE`. Of many causes, the last ones get none; the first one always gets its
+    share. Causes that are a driver that hangs or loses its process are skipped, because each such
+    drive takes long.
 
     Args:
         folder: folder of the campaign.
         causes: causes of the campaign's failures, the most frequent ones first.
         tester: drives as the campaign did.
-        drives: most drives for all causes.
+        drives: most drives for all causes together; the first cause gets `MIN_DRIVES_PER_CAUSE`
+            even if that is more.
         seconds: most wall time for all causes, in s; None for no limit. With less time, roads may
             stay longer.
         options: see `RerunOptions`.
@@ -288,18 +315,20 @@ def minimise_causes(
     Yields:
         Id of a test, and the minimised road or the error, such as a road that does not fail again.
     """
-    slow = HANGS, ENDS_ITS_PROCESS, IS_KILLED, BREAKS_PROTOCOL
-    quick = [cause for cause in causes if not (cause.fault and cause.fault.kind in slow)]
-    chosen = quick[: max(1, drives // LEAST_EACH)]
+    quick = [cause for cause in causes if not (cause.fault and cause.fault.kind in _SLOW_FAULTS)]
+    chosen = quick[: max(1, drives // MIN_DRIVES_PER_CAUSE)]
     if not chosen:
         return
     with CampaignStore.open(folder) as store:
         tests = [store.test(cause.example) for cause in chosen]
-    most = max(LEAST_EACH, min(MOST_EACH, drives // len(tests)))
-    share = None if seconds is None else seconds / len(tests)
+    max_drives = drives // len(tests)
+    max_drives = max(MIN_DRIVES_PER_CAUSE, min(MAX_DRIVES_PER_CAUSE, max_drives))
+    time = None if seconds is None else seconds / len(tests)
     for test in tests:
         try:
-            result = minimise_test(folder, test, tester, max_drives=most, seconds=share, **options)
+            result = minimise_test(
+                folder, test, tester, max_drives=max_drives, seconds=time, **options
+            )
         except CampaignGoneError:
             raise
         except FreneticError as error:
@@ -328,12 +357,12 @@ def minimise_test(
         tester: drives roads on the terms of the failure.
         max_drives: most drives to spend; refused roads cost none.
         seconds: most wall time to spend, in s; None for no limit.
-        drives_folder: folder that keeps the drives; by default the campaign's.
+        drives_folder: folder that keeps the drives; by default the campaign's folder.
         options: see `RerunOptions`.
 
     Raises:
-        FreneticError: the road does not fail, or see `minimise`.
-        ValueError: a number is out of range, or see `minimise`.
+        FreneticError: the road does not fail, or for the reasons of `minimise`.
+        ValueError: a number is out of range, or for the reasons of `minimise`.
     """
     minimised = minimise(
         test.road,

@@ -22,7 +22,8 @@ OPERATOR: Final = "replay"
 DriveConditions: TypeAlias = (
     Sequence[Mapping[str, float]] | Mapping[int, Sequence[Mapping[str, float]]]
 )
-"""Conditions of each drive of a test: the same for all tests, or by the tests' ids."""
+"""Conditions of the drives of a test, one mapping for each drive: the same for all tests, or by the
+tests' ids."""
 
 
 class ReplayRoads(Strategy):
@@ -30,11 +31,11 @@ class ReplayRoads(Strategy):
 
     Args:
         campaign: folder of the campaign.
-        tests: ids of its tests, which must have been driven.
-        conditions: conditions of each drive of a test, by the names of `frenetic.conditions`, where
-            they differ from the test's recorded ones. By default one drive in the recorded ones.
-        instead: conditions whose recorded amounts do not count, because driver or simulator have
-            others.
+        tests: ids of the campaign's tests, which must have been driven.
+        conditions: condition -> amount for each drive of a test, where the drive differs from the
+            test's recorded conditions. By default one drive in the recorded conditions.
+        instead: conditions whose recorded amounts are ignored, because the driver or the simulator
+            has other amounts of these conditions.
 
     Raises:
         CampaignError: the campaign or a test does not exist, the campaign is damaged, or a test was
@@ -66,7 +67,7 @@ class ReplayRoads(Strategy):
         instead = sorted(name for name in instead if any(name in road.conditions for road in roads))
         self._campaign = str(campaign)
         self.options: Mapping[str, Any] = {
-            "made_at": created_at,  # the campaign may move, or be named by another path
+            "made_at": created_at,  # identifies the campaign, whose path may change
             "tests": tests,
             "conditions": {str(test): amounts for test, amounts in by_test.items()}
             if isinstance(conditions, Mapping)
@@ -74,20 +75,24 @@ class ReplayRoads(Strategy):
             **({"instead": instead} if instead else {}),
         }
         drives = [
-            (road, i, {**without(road.conditions, *instead), **amounts})
+            (road, repeat, {**without(road.conditions, *instead), **amounts})
             for road in roads
-            for i, amounts in enumerate(by_test[road.id])
+            for repeat, amounts in enumerate(by_test[road.id])
         ]
         self._count = len(drives)
         self._drives = iter(drives)
         self._ledger = Ledger()
 
     def __len__(self) -> int:
-        """Return the number of all drives."""
+        """Return the number of drives that are proposed in all."""
         return self._count
 
     def ask(self) -> Candidate:
-        """Return the next road; raise `SearchEnded` after the last."""
+        """Return the next road.
+
+        Raises:
+            SearchEnded: all roads were proposed.
+        """
         drive = next(self._drives, None)
         if drive is None:
             raise SearchEnded("every road was driven again")
@@ -113,7 +118,11 @@ class ReplayRoads(Strategy):
 
 
 def _driven_candidate(store: CampaignStore, number: int) -> Candidate:
-    """Return the candidate of a test that was driven."""
+    """Return the candidate of a test.
+
+    Raises:
+        CampaignError: the test was not driven.
+    """
     test = store.test(number, with_trajectory=False)
     if not test.outcome.is_simulated:
         raise CampaignError(

@@ -1,4 +1,4 @@
-"""Ranges of conditions, and conditions drawn from them."""
+"""Ranges of conditions, and the conditions of drives, drawn from the ranges."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from frenetic.simulators.simulator import Simulator
 
 @dataclass(frozen=True)
 class Variation:
-    """Condition of a drive and the range from which its amount is drawn evenly.
+    """Condition of a drive, and the range from which its amount is drawn, all alike probable.
 
     Raises:
         FreneticError: the condition is unknown, or the range is reversed or not allowed.
@@ -28,19 +28,20 @@ class Variation:
     condition: str
     """Name of the condition in `frenetic.conditions`."""
     low: float
+    """Lower end of the range, in the condition's unit."""
     high: float
-    """Equal to `low` if the condition is only set, not varied."""
+    """Upper end of the range; equal to `low` if the condition is only set, not varied."""
     is_usual: bool = field(default=False, compare=False)
-    """Whether the range is the usual one around the campaign's amount; a test with a recorded
-    amount has the usual range around that amount."""
+    """Whether the range is the usual range around the campaign's amount. For a test that recorded
+    an amount, `of` returns the usual range around that amount."""
 
     def __post_init__(self) -> None:
         take_numpy_scalars(self)
-        row = condition_named(self.condition)
-        if not row.low <= self.low <= self.high <= row.high:
+        condition = condition_named(self.condition)
+        if not condition.low <= self.low <= self.high <= condition.high:
             raise FreneticError(
                 f"cannot vary {self.condition} from {self.low:g} to {self.high:g}: a range LOW:HIGH"
-                f" within {row.allowed} is needed"
+                f" within {condition.allowed} is needed"
             )
 
     @classmethod
@@ -55,11 +56,11 @@ class Variation:
         Raises:
             FreneticError: the condition is unknown, or the simulator cannot vary it.
         """
-        row = condition_named(name)
+        condition = condition_named(name)
         check_can_vary(simulator, [name])
-        if row.attribute and amount is None:
+        if condition.attribute and amount is None:
             amount = own_amount(simulator, name)
-        return cls(name, *row.around(amount), is_usual=True)
+        return cls(name, *condition.around(amount), is_usual=True)
 
     def of(self, conditions: Conditions) -> Variation:
         """Return the variation for a test with these recorded conditions."""
@@ -80,7 +81,10 @@ class Variation:
 
 
 def recorded_conditions(road: Candidate, rules: Rules) -> Conditions:
-    """Return a test's conditions, with the road's highest speed limit if the road has limits."""
+    """Return the conditions that a road was driven in.
+
+    They include a speed limit, the highest one of the road, if the road has limits.
+    """
     if road.speed_limits is None or not len(road.speed_limits) or rules.road_limits == "ignored":
         return road.conditions
     return {SPEED: float(rules.speed_limits_on(road)[:, 1].max()), **road.conditions}
@@ -91,9 +95,15 @@ def draw_conditions(
 ) -> tuple[Conditions, ...]:
     """Draw the conditions of several drives from ranges, as a Latin hypercube.
 
-    The range of each condition is cut into ``times`` equal parts, each of which gives one value. So
-    the conditions cover the ranges evenly, and the interval of a share is, if anything, too wide.
-    A seeded condition such as noise gets another seed in each drive.
+    The range of each condition is cut into as many equal parts as there are drives, and each drive
+    gets a value of another part. So the conditions cover the ranges evenly, and the interval of a
+    share of drives is rather too wide than too narrow. A seeded condition such as noise gets
+    another seed in each drive.
+
+    Args:
+        variations: conditions and their ranges.
+        times: number of drives.
+        seed: seed of the draws.
 
     Raises:
         ValueError: ``times`` is not a positive whole number, the seed is not a whole number from 0
@@ -101,14 +111,15 @@ def draw_conditions(
     """
     times = require_count("times", times)
     check({"seed": seed}, draw_conditions)
-    table, names = list(known_conditions()), [variation.condition for variation in variations]
+    names = [variation.condition for variation in variations]
     for name in names:
         if names.count(name) > 1:
             raise ValueError(f"{name} is varied twice: give one range for it")
     rng = np.random.default_rng(seed)
     drawn: list[dict[str, float]] = [{} for _ in range(times)]
-    # In the order of the table, so that the caller's order does not change the draws.
-    for variation in sorted(variations, key=lambda v: table.index(v.condition)):
+    # A fixed order, so that the order of the variations does not change the draws.
+    order = list(known_conditions())
+    for variation in sorted(variations, key=lambda v: order.index(v.condition)):
         shares = (rng.permutation(times) + rng.random(times)) / times
         values = variation.low + (variation.high - variation.low) * shares
         is_seeded = condition_named(variation.condition).is_seeded
