@@ -1,6 +1,6 @@
 """Verdicts on reruns: whether a recorded failure changed, and whether it is stable.
 
-Everything here follows from pairs of tests on the same road: the recorded test of a campaign, and a
+All verdicts follow from pairs of tests on the same road: the recorded test of a campaign, and a
 later drive, possibly with another driver, in another simulator or in other conditions.
 """
 
@@ -24,10 +24,10 @@ from frenetic.oracle.outcome import Outcome
 from frenetic.rerun.variations import Variation
 from frenetic.simulators.conditions import Conditions
 
-LEVEL: Final = 0.5
-"""Share of drives with the same failure from which on it is robust; ours."""
-LEAST_DRIVES: Final = 8
-"""Fewest judged drives for a verdict on which conditions matter; ours."""
+ROBUST_SHARE: Final = 0.5
+"""Share of drives with the same failure from which on the failure is robust; our choice."""
+MIN_INFLUENCE_DRIVES: Final = 8
+"""Fewest judged drives for a verdict on which conditions matter; our choice."""
 
 
 class Change(StrEnum):
@@ -43,7 +43,7 @@ class Change(StrEnum):
     """The road is INVALID now, or the simulator broke."""
 
     def counted(self, number: int) -> str:
-        """Return a number of tests with the change: ``1 fails again``, ``3 fail again``."""
+        """Return the change of several tests in words: ``1 fails again``, ``3 fail again``."""
         text = str(self) if number == 1 else self.replace("fails", "fail").replace("passes", "pass")
         return f"{number} {text}"
 
@@ -61,31 +61,35 @@ class Change(StrEnum):
 
 
 class Stability(StrEnum):
-    """Stability of a failure: how many other drives have the same failure."""
+    """Stability of a failure, by the share of other drives with the same failure.
+
+    With the same parts in the same conditions, all drives should have the failure. In varied
+    conditions or with other parts, the 95 % interval of the share is compared with `ROBUST_SHARE`.
+    """
 
     REPEATABLE = "repeatable"
     """All drives with the same parts in the same conditions have the failure."""
     NOT_REPEATABLE = "not repeatable"
-    """Some of these drives lack the failure: driver or simulator is not repeatable."""
+    """Some of these drives lack the failure, because driver or simulator is not repeatable."""
     ROBUST = "robust"
-    """In varied conditions, the interval of the share lies above `LEVEL`."""
+    """The interval is above `ROBUST_SHARE`."""
     UNCLEAR = "unclear"
-    """The interval of the share holds `LEVEL`; more drives would decide."""
+    """The interval includes `ROBUST_SHARE`; more drives would decide."""
     FRAGILE = "fragile"
-    """In varied conditions, the interval of the share lies below `LEVEL`."""
+    """The interval is below `ROBUST_SHARE`."""
 
 
 @dataclass(frozen=True)
 class Repeat:
-    """Another drive on the road of a campaign's test."""
+    """Another drive on the road of a campaign's test, compared with the recorded drive."""
 
     recorded: Test = field(compare=False)
     """Recorded test of the campaign."""
     test: Test
     """Test of the campaign that drove the road again; the recorded test for its own drive."""
     difference: float | None = None
-    """Difference from the recorded failure in m, as of `frenetic.analysis.failures`; None unless
-    both failed."""
+    """Difference between the two failures in m, see `frenetic.analysis.failures`; None unless both
+    drives failed."""
 
     @property
     def conditions(self) -> Conditions:
@@ -99,7 +103,7 @@ class Repeat:
 
     @property
     def moobd(self) -> float | None:
-        """Minimum oob distance in m; None unless PASS or FAIL."""
+        """Minimum oob distance in m; None unless the outcome is PASS or FAIL."""
         return self.test.moobd
 
     @property
@@ -109,14 +113,15 @@ class Repeat:
 
     @property
     def duration(self) -> float | None:
-        """Simulated time, in s."""
+        """Simulated time of the drive, in s; None if it was not driven."""
         return self.test.result.duration
 
     @property
     def margin(self) -> float:
-        """Distance to failing, in m: the MOOBD of a drive that passed; all failures are equal.
+        """Distance to failing in m, for ranking drives: the MOOBD if it passed, else -inf.
 
-        The distance of a failing car from its lane depends more on its speed than on the road.
+        All failures are equal, because the distance of a failing car from its lane depends more on
+        its speed than on the road.
         """
         return -math.inf if self.outcome is Outcome.FAIL or self.moobd is None else self.moobd
 
@@ -142,9 +147,9 @@ class Influence:
 
     condition: str
     spearman: float
-    """Rank correlation -1..1 of the amount with `Repeat.margin`: negative if more is worse."""
+    """Rank correlation of the amount with `Repeat.margin`, -1..1: negative if more is worse."""
     p: float
-    """p of the correlation, corrected by Holm for the number of varied conditions."""
+    """p-value of the correlation, corrected by Holm's method for the number of conditions."""
 
     @property
     def matters(self) -> bool:
@@ -152,8 +157,8 @@ class Influence:
         return self.p < SIGNIFICANT
 
     def __str__(self) -> str:
-        row = condition_named(self.condition)
-        worse = row.less if self.spearman > 0.0 else row.more
+        condition = condition_named(self.condition)
+        worse = condition.less if self.spearman > 0.0 else condition.more
         return f"{worse} is worse (Spearman {self.spearman:.2f})"
 
 
@@ -164,10 +169,11 @@ class Repeats:
     recorded: Test = field(compare=False)
     """Recorded test of the campaign."""
     drives: tuple[Repeat, ...]
+    """The drives, in order; at least one."""
     variations: tuple[Variation, ...] = ()
-    """Ranges of the conditions of the drives."""
+    """Varied conditions with their ranges."""
     is_own: bool = True
-    """Whether driver, simulator and rules are the campaign's."""
+    """Whether driver, simulator, rules and all but the varied conditions are the campaign's."""
 
     @property
     def id(self) -> int:
@@ -176,7 +182,7 @@ class Repeats:
 
     @property
     def conditions(self) -> Conditions:
-        """Conditions of the drives, without the varied ones."""
+        """Conditions that all drives share: without the varied ones."""
         varied = (variation.condition for variation in self.variations)
         return without(self.drives[0].conditions, *varied)
 
@@ -192,7 +198,7 @@ class Repeats:
 
     @property
     def alike(self) -> int:
-        """Number of drives with the recorded failure, see `Repeat.is_alike`."""
+        """Number of drives that have the recorded failure, see `Repeat.is_alike`."""
         return sum(drive.is_alike for drive in self.drives)
 
     @property
@@ -207,45 +213,48 @@ class Repeats:
 
     @property
     def change(self) -> Change:
-        """Change of the outcome: to a failure if any drive fails, else all have to be judged."""
+        """Change of the outcome: to FAIL if any drive fails, to PASS only if all drives pass."""
         if self.judged < len(self.drives) and not self.failed:
             return Change.NOT_JUDGED
         return Change.of(self.recorded.outcome is Outcome.FAIL, self.failed > 0)
 
     @property
     def verdict(self) -> str:
-        """Change in words, with the matches of the failures: ``fails again, same failure``."""
+        """Change in words, with the matches of the failures, as ``fails again, same failure``."""
         matches = list(dict.fromkeys(drive.match for drive in self.drives if drive.match))
         return ", ".join([str(self.change), *map(str, matches)])
 
     @property
     def stability(self) -> Stability | None:
-        """Stability of the recorded failure; None without one or with fewer than two judged."""
+        """Stability of the recorded failure.
+
+        None if the recorded drive did not fail, or fewer than two drives were judged.
+        """
         if self.recorded.outcome is not Outcome.FAIL or self.judged < 2:
             return None
         if self.is_own and not self.variations:
-            is_there = self.alike == self.judged
-            return Stability.REPEATABLE if is_there else Stability.NOT_REPEATABLE
+            always_alike = self.alike == self.judged
+            return Stability.REPEATABLE if always_alike else Stability.NOT_REPEATABLE
         low, high = self.interval
-        if low >= LEVEL:
+        if low >= ROBUST_SHARE:
             return Stability.ROBUST
-        return Stability.FRAGILE if high < LEVEL else Stability.UNCLEAR
+        return Stability.FRAGILE if high < ROBUST_SHARE else Stability.UNCLEAR
 
     @property
     def variations_text(self) -> str:
-        """Ranges of the conditions in words."""
+        """Ranges of the varied conditions in words."""
         return ", ".join(map(str, self.variations)) or "nothing varied"
 
     @cached_property
     def influences(self) -> tuple[Influence, ...]:
         """Influences of the varied conditions, the strongest first.
 
-        Empty if fewer than `LEAST_DRIVES` drives were judged, or all have the same margin.
+        Empty if fewer than `MIN_INFLUENCE_DRIVES` drives were judged, or all have the same margin.
         """
         judged = [drive for drive in self.drives if drive.outcome.is_driven]
         margins = [drive.margin for drive in judged]
         names = [variation.condition for variation in self.variations if not variation.is_fixed]
-        if len(judged) < LEAST_DRIVES or len(set(margins)) == 1:
+        if len(judged) < MIN_INFLUENCE_DRIVES or len(set(margins)) == 1:
             return ()
         columns = [[drive.conditions.get(name, 0.0) for drive in judged] for name in names]
         correlations = [spearman(column, margins) for column in columns]
@@ -271,7 +280,7 @@ class Repeats:
         return "; ".join([text, *influences])
 
     def as_json(self) -> dict[str, JSONValue]:
-        """Return the test as a JSON object, with figures derived from its drives."""
+        """Return the recorded test, its drives and the figures above as a JSON object."""
         return {
             "test": self.id,
             "conditions": dict(self.conditions),
@@ -300,24 +309,25 @@ class Repeats:
 
 
 def _verdict_json(test: Test) -> dict[str, JSONValue]:
-    place = test.departure
+    """Return the verdict on a drive as a JSON object."""
+    departure = test.departure
     return {
         "outcome": str(test.outcome),
         "reason": test.reason,
         "moobd": test.moobd,
         "duration": simulated_time(test.result.duration),
-        "departure_distance": None if place is None else place.distance,
-        "departure_side": None if place is None else place.side,
+        "departure_distance": None if departure is None else departure.distance,
+        "departure_side": None if departure is None else departure.side,
     }
 
 
 def matches_text(drives: Iterable[Repeat]) -> str:
-    """Return the matches of failing drives with their numbers: ``2 same failure, 8 elsewhere``."""
+    """Return how many failing drives have each match: ``2 same failure, 8 elsewhere``."""
     counts = Counter(drive.match for drive in drives)
     return ", ".join(f"{counts[match]} {match}" for match in Match if counts[match])
 
 
 def matches_json(drives: Iterable[Repeat]) -> dict[str, JSONValue]:
-    """Return match -> number of failing drives as a JSON object, with all matches."""
+    """Return match -> number of failing drives as a JSON object, with the matches of none, too."""
     counts = Counter(drive.match for drive in drives)
     return {str(match): counts[match] for match in Match}
