@@ -1,8 +1,8 @@
-"""Campaigns beside another one, which drive its roads again or estimate how often its driver fails.
+"""Driving campaigns, which drive a source campaign's roads again or estimate its failure rate.
 
-They lie in the folder ``rerun`` of the other campaign's folder. Each has a folder named after a
-digest of its roads and parts. So the same call continues an interrupted campaign, returns a
-complete one as it is, and never replaces another.
+A driving campaign has a folder in the folder ``rerun`` of the source campaign's folder, named after
+a digest of its roads and parts. So the same call continues an interrupted driving campaign, leaves
+a complete one as it is, and never replaces another.
 """
 
 from __future__ import annotations
@@ -28,9 +28,9 @@ from frenetic.parts.versions import SHORT
 from frenetic.search import Strategy
 
 FOLDER: Final = "rerun"
-"""Subfolder of a campaign's folder that holds the campaigns beside it."""
+"""Subfolder of a source campaign's folder that holds the driving campaigns."""
 PURPOSE: Final = "rerun"
-"""Configuration key of a campaign beside another one: why it drives."""
+"""Key in a driving campaign's configuration, which says why it drives."""
 
 _OWNER: Final = Owner(
     summary="does not search",
@@ -43,65 +43,65 @@ class RerunOptions(TypedDict, total=False):
     """Options of every function that drives roads again."""
 
     workers: int
-    """Number of roads driven at once, as for `Campaign`; 1 by default."""
+    """Number of roads driven at once, see `Campaign`; 1 by default."""
     isolate: bool
-    """Whether a single worker drives in its own process, as for `Campaign`; False by default."""
+    """Whether a single worker drives in a separate process, see `Campaign`; False by default."""
     out: Path | str | None
-    """Folder of the campaign that drives; by default a new one in the other campaign's folder."""
+    """Folder of the driving campaign; by default a folder in the source campaign's folder."""
     on_event: Callable[[Event], object] | None
-    """Called with each event of the campaign that drives, see `Campaign.run`."""
+    """Called with each event of the driving campaign, see `Campaign.run`."""
 
 
 @dataclass(frozen=True)
 class RerunPlan:
-    """What a campaign beside another one drives, and why."""
+    """Plan of a driving campaign: what it drives, and why."""
 
     strategy: Strategy
     """Strategy that has proposed nothing yet."""
     budget: Budget
-    """Budget of the driving campaign; a larger one than before lets it go on."""
+    """Budget of the driving campaign; a larger budget than before lets a complete one continue."""
     identity: object
-    """JSON that tells the campaign from others, together with the purpose and the parts."""
+    """JSON value that, with purpose, parts and terms, tells the campaign from others."""
     purpose: Mapping[str, JSONValue]
     """Entry `PURPOSE` of the campaign's configuration, such as ``{"minimised": True}``."""
     objective: str = MOOBD
-    """Objective whose values the strategy gets beside the result of each drive."""
+    """Name of the objective that the strategy gets a value of with each result."""
     strategy_name: str | None = None
     """Name of the strategy on a command line; None if it has no name."""
     max_in_flight: int | None = None
-    """Candidates in flight at once, as for `Campaign`."""
+    """Most candidates without a result at once, see `Campaign`."""
 
 
 def rerun_campaign(
     folder: Path | str | None, plan: RerunPlan, tester: RoadTester, options: RerunOptions
 ) -> Campaign:
-    """Return the campaign that drives a plan beside another campaign, not yet run.
+    """Return the driving campaign of a plan, not yet run.
 
     Args:
-        folder: folder of the other campaign; None without one, then ``out`` is needed.
-        plan: what is driven.
+        folder: folder of the source campaign; None without one, then ``out`` is needed.
+        plan: what is driven, and why.
         tester: drives the roads.
         options: see `RerunOptions`.
 
     Raises:
-        CampaignError: ``out`` holds another campaign, or the folder is gone.
+        CampaignError: ``out`` holds another campaign.
+        CampaignGoneError: the source campaign's folder is gone.
         ValueError: an option is out of range.
     """
     strategy, budget = plan.strategy, plan.budget
-    if folder is not None and not Path(folder).is_dir():  # the new campaign must not recreate it
+    if folder is not None and not Path(folder).is_dir():  # else `Campaign` would make it anew
         raise CampaignGoneError(f"{folder} was moved or deleted while its roads were driven again")
-    parts, terms_of_drives = tester.described, {**vars(tester.terms), "domain": strategy.domain}
-    driven = [parts["driver"], parts["simulator"], tester.simulator.rules, terms_of_drives]
-    identity = [plan.identity, plan.purpose, driven]
-    text = json.encode(identity, order="sorted", enc_hook=plain)
-    digest = hashlib.sha256(text).hexdigest()[:SHORT]
-    place = Path(options.get("out") or Path(folder or "") / FOLDER / digest)
+    digest = _digest(plan, tester)
+    driving_folder = Path(options.get("out") or Path(folder or "") / FOLDER / digest)
     workers = require_count("workers", options.get("workers", 1))
-    if (place / DATABASE).is_file():
-        with CampaignStore.open(place) as store:
+    if (driving_folder / DATABASE).is_file():
+        with CampaignStore.open(driving_folder) as store:
             if purpose_of(store).get("digest") != digest:
-                raise CampaignError(f"{place} holds another campaign: choose another place")
-    # Only the parts that the spec makes are trusted (`frenetic.parts.trust`).
+                raise CampaignError(
+                    f"{driving_folder} holds another campaign: choose another place"
+                )
+    # The recorded spec names the strategy and objective that drive here: only the code of a spec's
+    # parts is trusted (`frenetic.parts.trust`).
     spec = tester.spec and structs.replace(
         tester.spec, strategy=plan.strategy_name, objective=plan.objective
     )
@@ -112,7 +112,7 @@ def rerun_campaign(
             driver=tester.driver,
             terms=replace(tester.terms, domain=strategy.domain),
             budget=budget,
-            folder=place,
+            folder=driving_folder,
             workers=min(workers, budget.simulations or workers),
             isolate=options.get("isolate", False),
             max_in_flight=plan.max_in_flight,
@@ -122,8 +122,21 @@ def rerun_campaign(
         )
 
 
+def _digest(plan: RerunPlan, tester: RoadTester) -> str:
+    """Return the digest that tells a plan, driven with a tester, from others."""
+    parts = tester.described
+    terms = {**vars(tester.terms), "domain": plan.strategy.domain}
+    driven = [parts["driver"], parts["simulator"], tester.simulator.rules, terms]
+    text = json.encode([plan.identity, plan.purpose, driven], order="sorted", enc_hook=plain)
+    return hashlib.sha256(text).hexdigest()[:SHORT]
+
+
 def drive_missing(campaign: Campaign, on_event: Callable[[Event], object] | None = None) -> None:
-    """Make the missing drives of a `rerun_campaign`.
+    """Make the drives that a driving campaign still lacks.
+
+    Args:
+        campaign: campaign of `rerun_campaign`.
+        on_event: called with each event.
 
     Raises:
         CampaignError: nothing can be stored, no worker can be started, or no drive can be judged.
@@ -134,28 +147,28 @@ def drive_missing(campaign: Campaign, on_event: Callable[[Event], object] | None
     except CampaignGoneError as error:
         if campaign.folder.parent.name != FOLDER:
             raise
-        folder = campaign.folder.parents[1]  # of the other campaign
+        folder = campaign.folder.parents[1]  # of the source campaign
         if folder.is_dir():
-            raise
+            raise  # only the driving campaign is gone
         fate = "deleted while its roads were driven again, and the drives with it: restore a copy"
         if error.place is not None:
             fate = (
                 f"moved to {error.place.parents[1]} while its roads were driven again: the drives"
-                " stand there, and the same command goes on with them there"
+                " are kept there, and the same command continues them there"
             )
         raise CampaignGoneError(f"{folder} was {fate}") from error
 
 
 def _run_or_resume(campaign: Campaign, on_event: Callable[[Event], object] | None) -> None:
-    """Run or resume a campaign; report a complete one as such."""
+    """Run or resume a campaign; only report it if it is complete."""
     if not (campaign.folder / DATABASE).is_file():
         campaign.run(on_event=on_event)
         return
     with CampaignStore.open(campaign.folder) as store:
-        facts, before = store.facts, stored_budget(store).simulations
+        facts, old_simulations = store.facts, stored_budget(store).simulations
         counts = store.counts()
     assert campaign.budget is not None
-    is_spent = facts.get("ended") or before == campaign.budget.simulations
+    is_spent = facts.get("ended") or old_simulations == campaign.budget.simulations
     if "finished_at" not in facts or facts.get("interrupted") or not is_spent:
         campaign.resume(on_event=on_event)
     else:
@@ -165,24 +178,24 @@ def _run_or_resume(campaign: Campaign, on_event: Callable[[Event], object] | Non
 def report_complete(
     folder: Path, counts: Counts, on_event: Callable[[Event], object] | None
 ) -> None:
-    """Report to ``on_event`` that a campaign holds all of its drives, with their counts."""
+    """Report to ``on_event`` that a campaign has all its drives, with their counts."""
     if on_event is not None:
         on_event(Event("complete", Summary.from_counts(counts, folder=folder, budget_spent=1.0)))
 
 
 def purpose_of(store: CampaignStore) -> Mapping[str, Any]:
-    """Return why a campaign drives beside another one; an empty mapping for other campaigns."""
+    """Return the purpose of a driving campaign; an empty mapping for other campaigns."""
     purpose = store.config.get(PURPOSE)
     return purpose if isinstance(purpose, Mapping) else {}
 
 
 def rerun_folders(folder: Path | str) -> Iterator[Path]:
-    """Return the folders of the campaigns beside a campaign, the oldest first.
+    """Return the folders of a campaign's driving campaigns, interrupted ones first, then by age.
 
-    Interrupted campaigns come before complete ones, so a later complete one wins.
+    So a reader that lets the last one win prefers complete campaigns, and of these the latest.
 
     Raises:
-        CampaignError: one of these campaigns is damaged.
+        CampaignError: a driving campaign is damaged.
     """
     rows: list[tuple[bool, str, Path]] = []
     for database in sorted((Path(folder) / FOLDER).glob(f"*/{DATABASE}")):
@@ -190,4 +203,4 @@ def rerun_folders(folder: Path | str) -> Iterator[Path]:
             facts = store.facts
             is_complete = "finished_at" in facts and not facts.get("interrupted")
             rows.append((is_complete, str(store.fact("created_at")), database.parent))
-    return (place for *_, place in sorted(rows))
+    return (driving_folder for *_, driving_folder in sorted(rows))

@@ -1,10 +1,10 @@
-"""How often a driver leaves its lane in a domain: failures per 1,000 km, with an interval.
+"""Estimate how often a driver leaves its lane in a domain: failures per 1,000 km, with an interval.
 
-A plain drive draws its road and conditions as the domain distributes them. The failures of a search
-do not count, because the search chose them. Where failures are common, all drives are plain: with n
-failures in L km the interval is the exact one of a Poisson rate (Garwood 1936), two-sided also for
-n = 0. Where failures are rare, `frenetic.rerun.importance_sampling` draws their conditions more
-often, and the drives are weighted. Every drive counts.
+The road and the conditions of a plain drive are drawn as the domain distributes them. The failures
+of a search do not count, because the search chose them. Where failures are common, all drives are
+plain: with n failures in L km the interval is the exact interval of a Poisson rate (Garwood 1936),
+two-sided also for n = 0. Where failures are rare, `frenetic.rerun.importance_sampling` draws their
+conditions more often and weights the drives. All drives count.
 
 The drives are a campaign, whose strategy `Draws` proposes them stage by stage::
 
@@ -56,13 +56,16 @@ from frenetic.spec.part_record import describe
 
 FILE: Final = "estimate.json"
 """Name of the file with the estimate in a campaign's folder."""
-_FEW: Final = 5
-"""Effective number of failures below which an estimate says little; ours."""
-_SURE: Final = 100.0
-"""Effective number of failures above which the rate hardly grows with more drives; ours."""
-_REDRAWS: Final = 1000
-"""Most roads drawn in a row until one is valid; ours."""
-_REMEDY: Final = "make room, or let it be written"
+_MIN_FAILURES: Final = 5
+"""Effective number of failures below which an estimate says little; our choice."""
+_SURE_FAILURES: Final = 100.0
+"""Effective number of failures from which on the estimated rate hardly grows with more drives; our
+choice."""
+_MIN_DRIVES: Final = 100
+"""Fewest drives of an estimate; our choice."""
+_MAX_REDRAWS: Final = 1000
+"""Most roads that are drawn in a row until one is valid; our choice."""
+_WRITE_REMEDY: Final = "make room, or let it be written"
 
 Method = Literal["plain", "importance sampling", "none"]
 
@@ -74,9 +77,9 @@ class FailureRate:
     domain: str
     """Name of the domain."""
     method: Method
-    """Method of the estimate; ``none`` without a failure, which gives an upper limit only."""
+    """Method of the estimate; ``none`` if no drive failed, so that only `high` says something."""
     rate: float | None
-    """Failures per 1,000 km; None without a failure."""
+    """Failures per 1,000 km; None if no drive failed."""
     low: float
     """Lower end of the interval, in failures per 1,000 km."""
     high: float
@@ -94,13 +97,13 @@ class FailureRate:
     seed: int
     """Seed of the draws."""
     note: str = ""
-    """Limit of the estimate, in words; empty if enough failures carry it."""
+    """Caution about the estimate, in words; empty if there are enough failures."""
     other_failures: int = 0
-    """Number of failures among the other drives, whose conditions were drawn more often."""
+    """Number of failures among the drives that are not plain."""
 
     @classmethod
     def read(cls, folder: Path) -> FailureRate | None:
-        """Return the estimate in a campaign's folder; None without one.
+        """Return the estimate in a campaign's folder; None if there is none.
 
         Raises:
             CampaignError: the file is damaged.
@@ -135,26 +138,30 @@ class FailureRate:
 
 
 class _Draw(NamedTuple):
-    """Road and conditions that were drawn."""
+    """A drive of a stage whose road and conditions were drawn."""
 
     number: int
     """Number of the drive in its stage, from 0."""
     conditions: FloatArray
-    """Standard normal numbers of the conditions, (d,)."""
+    """Standard normal numbers that stand for the conditions, (d,)."""
     candidate: Candidate
+    """Road and conditions, with the preliminary id 1."""
 
 
 class Draws(Strategy):
-    """Strategy that proposes random drives in a domain, and drives in conditions that fail more.
+    """Strategy that proposes random drives in a domain, and more drives in failing conditions.
 
-    The drives of a stage depend only on the results of earlier stages. So at the end of a stage it
-    proposes nothing until it has the last result. It proposes a drive again in which the simulator
-    broke.
+    The drives of a stage depend only on the results of earlier stages. So after the last drive of a
+    stage the strategy proposes nothing until it has all results of the stage. A drive in which the
+    simulator broke is proposed again.
 
     Args:
         tester: tester whose terms say which roads are drawn and which of them are valid.
         drives: number of all drives, at least 100.
         seed: seed of the draws.
+
+    Raises:
+        ValueError: the terms have no domain.
     """
 
     BEHAVIOUR: Final = 1
@@ -173,16 +180,17 @@ class Draws(Strategy):
             map_size=tester.terms.map_size, road_class=tester.terms.road_class
         )
         self._ledger = Ledger()
-        self._first: _Draw | None = None
-        self._waiting: dict[int, _Draw] = {}  # id of a candidate without result -> its draw
-        self._broken: deque[_Draw] = deque()  # to be proposed again
-        self._weighted = WeightedDrives(domain.dimension, self._rng)  # of complete stages
+        self._first: _Draw | None = None  # drawn by `require_valid_roads`, not yet proposed
+        self._in_flight: dict[int, _Draw] = {}  # id of a candidate without result -> its draw
+        self._to_repeat: deque[_Draw] = deque()  # draws in which the simulator broke
+        self._weighted = WeightedDrives(domain.dimension, self._rng)  # drives of complete stages
         self.plain: set[int] = set()
         """Ids of the plain drives."""
         self._stages = self._weighted.stages(drives)
         self._begin_stage()
 
     def _begin_stage(self) -> None:
+        """Take the next stage; after the last one there is None."""
         self._stage = next(self._stages, None)
         self._drawn = 0  # number of drives of the stage that were drawn
         self._results: dict[int, DriveResult] = {}  # number of a drive in the stage -> its result
@@ -194,24 +202,24 @@ class Draws(Strategy):
 
     @property
     def is_complete(self) -> bool:
-        """Whether all results are there."""
+        """Whether the strategy has the results of all drives."""
         return self._stage is None
 
     def require_valid_roads(self) -> None:
-        """Refuse a domain without valid roads.
+        """Draw the first road, to refuse a domain without valid roads before anything is driven.
 
         Raises:
-            ValueError: none of 1000 random roads is valid on the map.
+            ValueError: none of `_MAX_REDRAWS` random roads is valid on the map.
         """
         assert self._stage is not None
         self._first = self._draw(self._stage)
 
     def ask(self) -> Candidate | None:
-        """Return the next drive; None at the end of a stage, until its last result is there."""
+        """Return the next drive; None at the end of a stage, until all its results are known."""
         if self._stage is None:
             raise SearchEnded("all drives were made")
-        if self._broken:
-            draw = self._broken.popleft()
+        if self._to_repeat:
+            draw = self._to_repeat.popleft()
         elif self._drawn < len(self._stage):
             draw = self._first or self._draw(self._stage)
             self._first = None
@@ -227,7 +235,7 @@ class Draws(Strategy):
             grade=road.grade,
             repeat=road.repeat,
         )
-        self._waiting[candidate.id] = draw
+        self._in_flight[candidate.id] = draw
         return candidate
 
     def tell(self, evaluation: Evaluation) -> None:
@@ -237,11 +245,11 @@ class Draws(Strategy):
             ValueError: see `Ledger.settle`.
         """
         candidate = self._ledger.settle(evaluation)
-        draw, stage = self._waiting.pop(candidate.id), self._stage
+        draw, stage = self._in_flight.pop(candidate.id), self._stage
         assert stage is not None
         if evaluation.outcome not in (Outcome.PASS, Outcome.FAIL):
             repeated = replace(candidate, repeat=candidate.repeat + 1)
-            self._broken.append(draw._replace(candidate=repeated))
+            self._to_repeat.append(draw._replace(candidate=repeated))
             return
         is_failure = evaluation.outcome is Outcome.FAIL
         self._results[draw.number] = DriveResult(draw.conditions, is_failure)
@@ -255,9 +263,9 @@ class Draws(Strategy):
         """Draw the next drive of a stage, repeatedly until its road is valid.
 
         Raises:
-            ValueError: none of 1000 roads is valid.
+            ValueError: none of `_MAX_REDRAWS` roads is valid.
         """
-        for _ in range(_REDRAWS):
+        for _ in range(_MAX_REDRAWS):
             conditions = stage.drawn[self._drawn]
             if conditions is None:
                 conditions = self._rng.standard_normal(self._domain.dimension)
@@ -266,12 +274,12 @@ class Draws(Strategy):
             if road is not None and verdict.valid:
                 return _Draw(self._drawn, conditions, candidate)
         raise ValueError(
-            f"none of {_REDRAWS} random roads of {self._domain.name} is valid on a map of"
+            f"none of {_MAX_REDRAWS} random roads of {self._domain.name} is valid on a map of"
             f" {self._tester.terms.map_size:g} m"
         )
 
     def _candidate(self, conditions: FloatArray) -> Candidate:
-        """Return a random road, possibly invalid, in these conditions."""
+        """Return a random road, possibly invalid, in the conditions that the numbers stand for."""
         roads = self._roads
         numbers = standard_normal_shares(self._rng.standard_normal(roads.max_uniforms))
         rng = np.random.default_rng(int(self._rng.integers(2**62)))
@@ -329,14 +337,14 @@ def estimate(
 ) -> FailureRate:
     """Estimate how often the driver leaves its lane in the domain of a tester.
 
-    The drives are a campaign; the same call goes on with an interrupted one and reads a complete
-    one. Without ``campaign``, only a call with ``out`` does so.
+    The drives are a campaign. The same call continues an interrupted one and reads a complete one,
+    if it has the same ``campaign`` or ``out``; without both, each call makes a new folder.
 
     Args:
         tester: drives on its terms, which have a domain; its simulator is not yet entered.
         drives: number of drives; refused roads cost none.
         seed: seed of the draws.
-        campaign: folder of a campaign with this driver and domain; it keeps the drives and, in
+        campaign: folder of a campaign with this driver and domain, which keeps the drives and, in
             `FILE`, the estimate. By default a new folder under ``campaigns/`` keeps both.
         options: see `RerunOptions`.
 
@@ -347,12 +355,12 @@ def estimate(
         CampaignError: see `frenetic.rerun.campaigns.rerun_campaign`.
         ValueError: a number is out of range.
     """
-    drives = require_count("drives", drives, least=100)
+    drives = require_count("drives", drives, least=_MIN_DRIVES)
     draws = Draws(tester, drives, seed)
     if campaign is None:
         options["out"] = options.get("out") or new_folder()
     else:
-        check_writable(Path(campaign) / FILE, remedy=_REMEDY)
+        check_writable(Path(campaign) / FILE, remedy=_WRITE_REMEDY)
     plan = RerunPlan(
         draws,
         Budget(simulations=drives),
@@ -361,12 +369,13 @@ def estimate(
         max_in_flight=MAX_IN_FLIGHT,  # a constant: draws must not depend on the workers
     )
     driving = rerun_campaign(campaign, plan, tester, options)
-    errors = _error_count(driving.folder)
-    budget = driving.budget = Budget(simulations=drives + errors)  # errors are driven again
+    # Drives of earlier calls in which the simulator broke are made again: they cost extra budget.
+    old_errors = _error_count(driving.folder)
+    budget = driving.budget = Budget(simulations=drives + old_errors)
     on_event = options.get("on_event")
 
     def stop_at_error(event: Event) -> None:
-        if event.summary.errors > errors and event.test is not None:
+        if event.summary.errors > old_errors and event.test is not None:
             raise FreneticError(
                 f"the simulator broke, which says nothing of the driver: {event.test.reason}; the"
                 f" drives so far are kept in {driving.folder}"
@@ -378,19 +387,24 @@ def estimate(
     result = _result(driving, draws, budget)
     document = json.dumps(result.as_json()) + "\n"
     for folder in {driving.folder, Path(campaign or driving.folder)}:
-        write_file(folder / FILE, document, remedy=_REMEDY)
+        write_file(folder / FILE, document, remedy=_WRITE_REMEDY)
     return result
 
 
 def _result(driving: Campaign, draws: Draws, budget: Budget) -> FailureRate:
     """Return the estimate from the drives of a campaign.
 
+    Args:
+        driving: campaign with the drives.
+        draws: strategy of the campaign, which proposed the drives unless they were there before.
+        budget: budget of the campaign.
+
     Raises:
         KeyboardInterrupt: drives are missing.
         FreneticError: see `Draws.estimate`.
     """
-    if not draws.is_begun:  # no drive was missing
-        with suppress(CampaignError):  # a damaged file is written anew
+    if not draws.is_begun:  # the campaign was complete
+        with suppress(CampaignError):  # a damaged file is written anew by the caller
             if (result := FailureRate.read(driving.folder)) is not None:
                 return result
     with CampaignStore.open(driving.folder) as store:
@@ -411,9 +425,9 @@ def _error_count(folder: Path) -> int:
 
 
 def _metres(test: Test, store: CampaignStore) -> float:
-    """Return the distance that the car drove until it failed, in m."""
+    """Return the distance that the car drove, in m: until it failed, or the whole road."""
     result = test.result
-    if result.fault is not None:  # before it, the car may not have moved
+    if result.fault is not None:  # the driver may have broken before the car moved
         path = store.trajectory(test.id)
         return 0.0 if path is None else float(np.hypot(*np.diff([path.x, path.y])).sum())
     if result.outcome is Outcome.FAIL and result.finding is not None:
@@ -423,10 +437,10 @@ def _metres(test: Test, store: CampaignStore) -> float:
 
 
 def _note(method: Method, effective_failures: float) -> str:
-    """Return the limit of an estimate in words; empty if enough failures carry it."""
-    if effective_failures < _FEW:
+    """Return a caution about an estimate in words; empty if there are enough failures."""
+    if effective_failures < _MIN_FAILURES:
         return "too few failures for an estimate: raise --drives"
-    if method == "importance sampling" and effective_failures < _SURE:
+    if method == "importance sampling" and effective_failures < _SURE_FAILURES:
         return (
             f"few failures carry the estimate, as {effective_failures:.0f} plain ones would, so the"
             " rate may be higher: raise --drives"
