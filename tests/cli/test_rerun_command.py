@@ -15,7 +15,7 @@ from permissions import bound_by_permissions
 from frenetic._support.words import counted
 from frenetic.campaign import CampaignStore
 from frenetic.oracle.outcome import Outcome
-from frenetic.rerun.rerun import read_reruns
+from frenetic.rerun.reruns import read_reruns
 
 if TYPE_CHECKING:
     from collections.abc import Callable

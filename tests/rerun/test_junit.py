@@ -15,7 +15,7 @@ from repeats import redriven
 from frenetic.oracle.drive import Rules
 from frenetic.oracle.outcome import Outcome
 from frenetic.rerun.junit import junit, write_junit
-from frenetic.rerun.rerun import Rerun
+from frenetic.rerun.reruns import Rerun
 from frenetic.rerun.stability import Repeats
 
 

@@ -26,16 +26,8 @@ from frenetic.errors import CampaignError, FreneticError, Trouble
 from frenetic.oracle.outcome import Outcome
 from frenetic.oracle.verdict import judge
 from frenetic.rerun.campaigns import FOLDER
-from frenetic.rerun.rerun import (
-    Rerun,
-    drive_tests,
-    in_other_simulators,
-    own_repeats,
-    read_reruns,
-    rerun,
-    rerun_name,
-    rerun_with,
-)
+from frenetic.rerun.rerun import drive_tests, rerun, rerun_with
+from frenetic.rerun.reruns import Rerun, in_other_simulators, own_repeats, read_reruns, rerun_name
 from frenetic.rerun.stability import Change
 from frenetic.rerun.variations import Variation
 from frenetic.road import Road

@@ -18,7 +18,8 @@ from frenetic.drivers import Planner
 from frenetic.errors import FreneticError
 from frenetic.oracle.outcome import Outcome
 from frenetic.oracle.verdict import Side
-from frenetic.rerun.rerun import read_reruns, rerun
+from frenetic.rerun.rerun import rerun
+from frenetic.rerun.reruns import read_reruns
 from frenetic.rerun.stability import Change, Repeats, Stability
 from frenetic.rerun.variations import Variation, draw_conditions
 from frenetic.simulators import EmbeddedSimulator, Rules

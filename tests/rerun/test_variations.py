@@ -17,7 +17,8 @@ from frenetic.drivers import Planner
 from frenetic.errors import FreneticError
 from frenetic.oracle.outcome import Outcome
 from frenetic.rerun.back_to_back import back_to_back
-from frenetic.rerun.rerun import Rerun, own_repeats, rerun
+from frenetic.rerun.rerun import rerun
+from frenetic.rerun.reruns import Rerun, own_repeats
 from frenetic.rerun.stability import Stability
 from frenetic.rerun.variations import Variation
 from frenetic.search import RandomSearch

@@ -36,7 +36,7 @@ from frenetic.conditions.condition import as_text
 
 if TYPE_CHECKING:
     from frenetic.campaign import CampaignStore, RoadTester
-    from frenetic.rerun.rerun import Rerun
+    from frenetic.rerun.reruns import Rerun
     from frenetic.rerun.stability import Repeats
     from frenetic.rerun.variations import Variation
     from frenetic.spec import Spec

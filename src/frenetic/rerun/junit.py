@@ -11,7 +11,7 @@ from typing import Final
 from frenetic._support.files import write_file
 from frenetic.conditions.condition import as_text
 from frenetic.errors import CampaignError
-from frenetic.rerun.rerun import Rerun
+from frenetic.rerun.reruns import Rerun
 from frenetic.rerun.stability import Change, Repeats, matches_text
 
 SUITE: Final = "frenetic rerun"

@@ -12,136 +12,37 @@ must be on one side.
 
 from __future__ import annotations
 
-import hashlib
 import logging
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import asdict, dataclass, field, replace
-from functools import cached_property
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Unpack
 
-from msgspec import ValidationError, convert, to_builtins
+from msgspec import to_builtins
 
 from frenetic._support.files import require_list
-from frenetic._support.json_value import JSONValue
-from frenetic.analysis.failures import Failure
 from frenetic.campaign.configuration import SPEC
-from frenetic.campaign.record import Test
 from frenetic.campaign.store import CampaignStore
 from frenetic.campaign.tester import RoadTester
-from frenetic.conditions.condition import SEED, as_text, without
+from frenetic.conditions.condition import without
 from frenetic.drivers import Driver
-from frenetic.errors import CampaignError
 from frenetic.oracle.drive import Rules
 from frenetic.oracle.outcome import Outcome
-from frenetic.parts.versions import SHORT, comparison_key, differences
 from frenetic.rerun.campaigns import (
     RerunOptions,
     RerunPlan,
     drive_missing,
-    purpose_of,
     rerun_campaign,
-    rerun_folders,
 )
 from frenetic.rerun.replay import DriveConditions, ReplayRoads
-from frenetic.rerun.stability import Change, Repeat, Repeats, matches_json, matches_text
+from frenetic.rerun.reruns import Rerun, read_rerun
 from frenetic.rerun.variations import Variation, draw_conditions, recorded_conditions
 from frenetic.simulators.conditions import check_pair_in
 from frenetic.simulators.simulator import Simulator
 from frenetic.spec import Budget, Spec
-from frenetic.spec.part_record import part_text, version_notes
+from frenetic.spec.part_record import version_notes
 
 logger = logging.getLogger(__name__)
-
-
-@dataclass(frozen=True)
-class Rerun:
-    """Drives on the roads of a campaign's tests, all with the same parts."""
-
-    campaign: str
-    """Name of the folder of the campaign whose roads these are."""
-    driver: Mapping[str, JSONValue]
-    """Driver, as `frenetic.spec.part_record.describe` records it."""
-    simulator: Mapping[str, JSONValue]
-    """Simulator, as `frenetic.spec.part_record.describe` records it."""
-    rules: Rules
-    planned: int
-    """Number of planned drives; Ctrl-C leaves fewer."""
-    tests: tuple[Repeats, ...]
-    """Repeats of each test, in the order in which the tests were chosen."""
-    variations: tuple[Variation, ...] = ()
-    """Ranges from which the conditions were drawn."""
-    conditions: Mapping[str, float] = field(default_factory=dict)
-    """Conditions of every drive; each drive may have more."""
-    folder: Path | None = None
-    """Folder of the campaign that drove the roads; None if there was nothing to drive."""
-
-    @property
-    def drives(self) -> list[Repeat]:
-        """All drives."""
-        return [drive for test in self.tests for drive in test.drives]
-
-    @property
-    def missing(self) -> int:
-        """Number of drives that Ctrl-C prevented."""
-        return max(self.planned - len(self.drives), 0)
-
-    @property
-    def same(self) -> int:
-        """Number of drives with exactly the recorded outcome and MOOBD."""
-        return sum(drive.is_same for drive in self.drives)
-
-    def count(self, change: Change) -> int:
-        """Return the number of tests with a change."""
-        return sum(test.change is change for test in self.tests)
-
-    @property
-    def passed(self) -> bool:
-        """Whether no drive is missing and all drives passed."""
-        passing = (Change.PASSES_NOW, Change.PASSES_AGAIN)
-        return self.missing == 0 and all(test.change in passing for test in self.tests)
-
-    @cached_property
-    def key(self) -> str:
-        """Hexadecimal digest of simulator, driver, rules and conditions."""
-        rules, conditions = self.rules.as_json(), dict(self.conditions)
-        parts = comparison_key(self.simulator, self.driver, rules, conditions)
-        return hashlib.sha256(parts.encode()).hexdigest()[:SHORT]
-
-    def __str__(self) -> str:
-        texts = []
-        for change in Change:
-            tests = [test for test in self.tests if test.change is change]
-            matches = matches_text(drive for test in tests for drive in test.drives)
-            if tests:
-                texts.append(f"{change.counted(len(tests))}{f' ({matches})' if matches else ''}")
-        return ", ".join(texts)
-
-    def as_json(self) -> dict[str, JSONValue]:
-        """Return the rerun as a JSON object, without trajectories."""
-        return {
-            "campaign": self.campaign,
-            "folder": None if self.folder is None else str(self.folder),
-            "driver": dict(self.driver),
-            "simulator": dict(self.simulator),
-            "conditions": dict(self.conditions),
-            "variations": [asdict(variation) for variation in self.variations],
-            "passed": self.passed,
-            "same": self.same,
-            "missing": self.missing,
-            "changes": {str(change): self.count(change) for change in Change},
-            "matches": matches_json(self.drives),
-            "tests": [test.as_json() for test in self.tests],
-        }
-
-
-@dataclass(frozen=True)
-class _RerunPurpose:
-    """Entry of a rerun's configuration, see `frenetic.rerun.campaigns.PURPOSE`."""
-
-    digest: str
-    planned: int
-    variations: tuple[Variation, ...] = ()
 
 
 def recorded_rules(store: CampaignStore, spec: Spec) -> Rules | None:
@@ -307,141 +208,3 @@ def drive_tests(
     campaign = rerun_campaign(folder, plan, tester, options)
     drive_missing(campaign, options.get("on_event"))
     return read_rerun(campaign.folder, folder)
-
-
-def read_rerun(folder: Path | str, source: Path | str) -> Rerun:
-    """Return the rerun in a folder, possibly incomplete.
-
-    Args:
-        folder: folder of the campaign that drove the roads.
-        source: folder of the campaign whose roads they are.
-
-    Raises:
-        CampaignError: a campaign is damaged, or ``folder`` holds no rerun.
-    """
-    with CampaignStore.open(folder) as store, CampaignStore.open(source) as original:
-        try:
-            purpose = convert(purpose_of(store), _RerunPurpose)
-        except ValidationError as error:
-            raise CampaignError(f"{folder} is no rerun of a campaign: {error}") from None
-        recorded: dict[int, tuple[Test, Failure | None]] = {}
-        drives: dict[int, list[Repeat]] = {}
-        for test in sorted(store.tests(with_trajectory=True), key=lambda test: test.id):
-            if test.candidate.source is None:
-                raise CampaignError(f"{folder} is damaged: test {test.id} has no source")
-            number = test.candidate.source.test
-            if number not in recorded:
-                original_test = original.test(number)
-                recorded[number] = original_test, Failure.of_test(original_test)
-            before, failure = recorded[number]
-            failure_now = Failure.of_test(test) if failure is not None else None
-            difference = (
-                None if failure is None or failure_now is None else failure.difference(failure_now)
-            )
-            drives.setdefault(number, []).append(Repeat(before, test, difference))
-        parts: Any = store.config
-        setting, original_setting = store.setting, original.setting
-        is_own = (
-            setting.rules == original_setting.rules
-            and setting.conditions == original_setting.conditions
-            and not any(
-                differences(kind, parts[kind], original.config.get(kind))
-                for kind in ("driver", "simulator")
-            )
-        )
-        return Rerun(
-            Path(source).resolve().name,
-            parts["driver"],
-            parts["simulator"],
-            setting.rules,
-            purpose.planned,
-            tuple(
-                _repeats(recorded[number][0], repeats, purpose.variations, setting.rules, is_own)
-                for number, repeats in drives.items()
-            ),
-            purpose.variations,
-            setting.conditions,
-            Path(folder),
-        )
-
-
-def _repeats(
-    recorded: Test,
-    drives: Sequence[Repeat],
-    variations: Sequence[Variation],
-    rules: Rules,
-    is_own: bool,
-) -> Repeats:
-    """Return the drives of a test; they are the campaign's own if only varied conditions differ."""
-    conditions = recorded.candidate.conditions
-    varied = [variation.condition for variation in variations]
-    is_own &= all(
-        without(drive.conditions, *varied, SEED) == without(conditions, *varied, SEED)
-        for drive in drives
-    )
-    ranges = tuple(
-        variation.of(recorded_conditions(recorded.candidate, rules)) for variation in variations
-    )
-    return Repeats(recorded, tuple(drives), ranges, is_own)
-
-
-def read_reruns(folder: Path | str) -> list[Rerun]:
-    """Return the reruns of a campaign, interrupted ones first, the latest last.
-
-    Raises:
-        CampaignError: a rerun is damaged.
-    """
-    reruns = []
-    for rerun_folder in rerun_folders(folder):
-        with CampaignStore.open(rerun_folder) as store:
-            is_rerun = "planned" in purpose_of(store)
-        if is_rerun:
-            reruns.append(read_rerun(rerun_folder, folder))
-    return reruns
-
-
-def rerun_name(rerun: Rerun, config: Mapping[str, Any]) -> str:
-    """Return the name of a rerun's simulator, with driver and conditions unless the campaign's."""
-    simulator = part_text(rerun.simulator, config.get("simulator"))
-    driver = part_text(rerun.driver, config.get("driver"))
-    if dict(rerun.conditions) != (config.get("conditions") or {}):
-        words = as_text(rerun.conditions)
-        simulator += f" with {words}" if words else " in the usual conditions"
-    return simulator if driver == part_text(config.get("driver")) else f"{driver} in {simulator}"
-
-
-def own_repeats(reruns: Iterable[Rerun]) -> list[Repeats]:
-    """Return the most informative repeats of each test with a campaign's own parts.
-
-    Repeats in varied conditions win over others, then more judged drives over fewer, then later
-    reruns over earlier ones.
-
-    Args:
-        reruns: reruns in the order of `read_reruns`.
-    """
-    repeats = [
-        test
-        for rerun in reruns
-        for test in rerun.tests
-        if test.is_own and test.judged and test.stability is not None
-    ]
-    # The sort is stable, so the last of equal ones wins.
-    repeats.sort(key=lambda test: (bool(test.variations), test.judged))
-    return sorted({test.id: test for test in repeats}.values(), key=lambda test: test.id)
-
-
-def in_other_simulators(reruns: Iterable[Rerun], config: Mapping[str, Any]) -> list[Rerun]:
-    """Return the reruns in other simulators than the campaign's, merged by parts and conditions.
-
-    The last judged drives of each test count.
-    """
-    merged: dict[str, Rerun] = {}
-    for rerun in reruns:
-        if not differences("simulator", rerun.simulator, config.get("simulator")):
-            continue
-        before = merged.get(rerun.key)
-        tests = {} if before is None else {test.id: test for test in before.tests}
-        tests |= {test.id: test for test in rerun.tests if test.judged or test.id not in tests}
-        planned = max(rerun.planned, sum(len(test.drives) for test in tests.values()))
-        merged[rerun.key] = replace(rerun, planned=planned, tests=tuple(tests.values()))
-    return list(merged.values())

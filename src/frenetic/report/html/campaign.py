@@ -72,7 +72,7 @@ from frenetic.report.html.tests import (
 )
 from frenetic.report.html.timeline import timeline_section
 from frenetic.rerun.estimate import FailureRate
-from frenetic.rerun.rerun import in_other_simulators, own_repeats, read_reruns
+from frenetic.rerun.reruns import in_other_simulators, own_repeats, read_reruns
 from frenetic.search.records import Candidate
 from frenetic.spec import FILE
 from frenetic.spec.part_record import PARTS, recorded_part

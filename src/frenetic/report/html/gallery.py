@@ -11,7 +11,7 @@ from frenetic.analysis.clusters import Clusters
 from frenetic.campaign.counts import Counts
 from frenetic.report.html.page import DataBlock, Section, Table
 from frenetic.report.html.tests import TestSummary
-from frenetic.rerun.rerun import Rerun, rerun_name
+from frenetic.rerun.reruns import Rerun, rerun_name
 from frenetic.rerun.stability import Repeats
 
 
