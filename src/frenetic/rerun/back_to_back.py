@@ -1,9 +1,10 @@
-"""Two versions of a driver on the same roads: which is better, and what each does wrong.
+"""Compare two versions of a driver on the same roads: which is better, and what each does wrong.
 
 Both drive on fresh random roads: the old version in a campaign of random search, the new version in
-a rerun of that campaign. The verdict rests on these roads. The new version also drives the roads on
-which the old version's campaign failed. They are only shown: the search looked for failures of the
-old version, so it looks worse on them than it is (regression to the mean).
+a rerun of that campaign. The verdict rests on these roads alone. The new version also drives the
+known roads, on which the old version failed in its campaign. Their results are only shown: the
+search chose these roads for failures of the old version, which therefore looks worse on them than
+it is (regression to the mean).
 """
 
 from __future__ import annotations
@@ -29,19 +30,21 @@ from frenetic.drivers import Driver
 from frenetic.errors import CampaignError
 from frenetic.oracle.outcome import Outcome
 from frenetic.parts.versions import comparison_key
-from frenetic.rerun.campaigns import (
-    RerunOptions,
-)
-from frenetic.rerun.old_version import FRESH, FreshRoads, fresh_roads
+from frenetic.rerun.campaigns import RerunOptions
+from frenetic.rerun.old_version import DEFAULT_FRESH_ROADS, FreshRoads, fresh_roads
 from frenetic.rerun.rerun import drive_tests
 from frenetic.rerun.stability import Change
 from frenetic.simulators.simulator import Simulator
 from frenetic.spec.part_record import part_text
 
-SLOWER: Final = 0.01
-"""Least relative increase of the median time at which a version counts as slower; ours."""
+MIN_SLOWDOWN: Final = 0.01
+"""Relative increase of the median time from which on a version counts as slower; our choice."""
 BETTER: Final = "new is better"
+"""Verdict on a new version that fails less often."""
 WORSE: Final = "new is worse"
+"""Verdict on a new version that fails more often."""
+_HALVING_FACTOR: Final = 4
+"""Factor on the number of roads that halves the interval, whose width goes with 1/sqrt(roads)."""
 
 
 class Pair(NamedTuple):
@@ -68,12 +71,12 @@ class PairedRoads:
 
     @property
     def judged(self) -> list[Pair]:
-        """Pairs of which both drives were judged."""
+        """Pairs whose two drives were both judged."""
         return [pair for pair in self.pairs if pair.change is not Change.NOT_JUDGED]
 
     @property
     def changes(self) -> Counter[Change]:
-        """Roads with each change."""
+        """Number of roads with each change."""
         return Counter(pair.change for pair in self.pairs)
 
     @property
@@ -102,6 +105,7 @@ class BackToBack:
     new: Mapping[str, JSONValue]
     """New version, as `frenetic.spec.part_record.describe` records it."""
     simulator: Mapping[str, JSONValue]
+    """Simulator, as `frenetic.spec.part_record.describe` records it."""
     seed: int
     """Seed of the fresh roads."""
     fresh: PairedRoads
@@ -115,12 +119,18 @@ class BackToBack:
 
     @cached_property
     def difference(self) -> ValueWithInterval | None:
-        """Failure rate of the new version minus the old one's, -1..1; None without pairs."""
+        """Failure rate of the new version minus the old version's rate, -1..1.
+
+        None if no fresh road was judged with both versions.
+        """
         return _failure_difference(self.fresh.judged)
 
     @cached_property
     def time_difference(self) -> ValueWithInterval | None:
-        """Median relative increase of the time from old to new, on roads that both passed."""
+        """Median relative increase of the driving time from old to new, on fresh roads.
+
+        Only roads that both versions passed count; None without such roads.
+        """
         ratios = [
             new.result.duration / old.result.duration - 1.0
             for old, new in self.fresh.judged
@@ -132,9 +142,10 @@ class BackToBack:
 
     @property
     def verdict(self) -> str:
-        """Verdict: better or worse if the whole interval of the difference lies on one side of 0.
+        """Verdict in words: `BETTER` or `WORSE` if the interval of the difference excludes 0.
 
-        It must do so both without the simulator's errors and with these counted as failures.
+        The interval must exclude 0 on the same side, whether drives in which the simulator broke
+        are left out or count as failures; if the two disagree, the verdict is "cannot tell".
         """
         with_errors = [
             pair
@@ -149,7 +160,7 @@ class BackToBack:
 
     @property
     def answer(self) -> str:
-        """Answer in one line."""
+        """Verdict with its numbers, in one line."""
         difference, verdict = self.difference, self.verdict
         if difference is None:
             return "cannot tell which is better: no fresh road was judged with both"
@@ -162,21 +173,24 @@ class BackToBack:
                 verdict += " which is better, the drives in which the simulator broke decide"
             return f"{verdict}: {roads}, new fails on {new}, old on {old} {rates}"
         time = self.time_difference
-        if time is not None and time.sign > 0 and time.value >= SLOWER:
+        if time is not None and time.sign > 0 and time.value >= MIN_SLOWDOWN:
             word = "but" if verdict == BETTER else "and"
             verdict += f" {word} {100.0 * time.value:.0f} % slower"
         return f"{verdict}: {roads}, it fails on {new}, old on {old} {rates}"
 
     @cached_property
     def causes(self) -> dict[str, tuple[int, int]]:
-        """Cause in words -> numbers of all roads on which old and new version fail by it."""
+        """Cause in words -> numbers of roads on which the old and the new version fail by it.
+
+        All roads count; the most frequent cause comes first.
+        """
         counts: tuple[Counter[str], ...] = Counter(), Counter()
         for pair in (*self.fresh.judged, *self.known.judged):
             for causes, test in zip(counts, pair, strict=True):
                 if (failure := Failure.of_test(test)) is not None:
                     cause = failure.cause
-                    words = "" if cause is None else as_text(cause.kind, None, cause.criterion)
-                    causes[words or str(failure.fault)] += 1
+                    text = "" if cause is None else as_text(cause.kind, None, cause.criterion)
+                    causes[text or str(failure.fault)] += 1
         old, new = counts
         names = sorted({*old, *new}, key=lambda name: (-max(old[name], new[name]), name))
         return {name: (old[name], new[name]) for name in names}
@@ -202,7 +216,7 @@ class BackToBack:
                     f" which count as neither passed nor failed, most often: {reason}"
                 )
         if self.verdict not in (BETTER, WORSE) and self.fresh.judged:
-            more = 4 * len(self.fresh.pairs)
+            more = _HALVING_FACTOR * len(self.fresh.pairs)
             yield f"four times as many fresh roads, {more}, halve the interval"
 
     def as_json(self) -> dict[str, JSONValue]:
@@ -225,7 +239,10 @@ class BackToBack:
 
 
 def _failure_difference(pairs: Sequence[Pair]) -> ValueWithInterval | None:
-    """Return the difference of the failure rates, None without pairs; an error is a failure."""
+    """Return the difference of the failure rates, new minus old; None without pairs.
+
+    Every outcome but PASS counts as a failure.
+    """
     if not pairs:
         return None
     old, new = ([pair[i].outcome is not Outcome.PASS for pair in pairs] for i in range(2))
@@ -239,6 +256,7 @@ def _points(share: float) -> str:
 
 
 def _interval_json(value: ValueWithInterval | None) -> dict[str, JSONValue] | None:
+    """Return a value with its interval as a JSON object, with null for an infinite end."""
     if value is None:
         return None
     return {name: end if math.isfinite(end) else None for name, end in asdict(value).items()}
@@ -247,7 +265,7 @@ def _interval_json(value: ValueWithInterval | None) -> dict[str, JSONValue] | No
 def compare_versions(
     roads: FreshRoads, tester: RoadTester, **options: Unpack[RerunOptions]
 ) -> BackToBack:
-    """Let a new version drive the roads that the old version drove, and compare both.
+    """Let a new version drive the roads that the old version has driven, and compare both.
 
     Args:
         roads: roads that the old version has driven.
@@ -265,18 +283,23 @@ def compare_versions(
         failed = store.tests(Outcome.FAIL, with_repeats=False)
         failing = tuple(sorted(test.id for test in failed))
     missing = roads.count - len(roads.tests)
-    sets: list[PairedRoads] = []
+    paired_roads: list[PairedRoads] = []
     for folder, ids in ((roads.folder, roads.tests), (roads.campaign, failing)):
+        # After Ctrl-C, which leaves drives missing, nothing more is driven.
         repeats = () if missing else drive_tests(folder, tester, ids, options=options).tests
         pairs = tuple(Pair(test.recorded, test.drives[0].test) for test in repeats)
-        sets.append(PairedRoads(folder, pairs))
+        paired_roads.append(PairedRoads(folder, pairs))
         missing += len(ids) - len(repeats)
-    fresh, known = sets
+    fresh, known = paired_roads
     return BackToBack(roads.driver, new, simulator, roads.seed, fresh, known, domain, missing)
 
 
 def check_differ(old: Mapping[str, JSONValue], new: Mapping[str, JSONValue]) -> None:
-    """Refuse two equal versions, in the form of `frenetic.spec.part_record.describe`.
+    """Refuse two equal versions.
+
+    Args:
+        old: old version, as `frenetic.spec.part_record.describe` records it.
+        new: new version, in the same form.
 
     Raises:
         CampaignError: both versions are the same.
@@ -294,7 +317,7 @@ def back_to_back(
     old: Driver,
     new: Driver,
     *,
-    fresh: int = FRESH,
+    fresh: int = DEFAULT_FRESH_ROADS,
     workers: int = 1,
 ) -> BackToBack:
     """Compare two versions of a driver on fresh random roads and on the old version's failures.
@@ -302,10 +325,10 @@ def back_to_back(
     Args:
         campaign: folder of the old version's campaign.
         simulator: any simulator, not yet entered.
-        old: the old version, which drove in the campaign.
-        new: the new version.
+        old: old version, which drove in the campaign.
+        new: new version.
         fresh: number of random roads.
-        workers: roads driven at once.
+        workers: number of roads driven at once.
 
     Raises:
         CampaignError: both versions are the same, or see `fresh_roads`.

@@ -16,9 +16,12 @@ from frenetic.rerun.stability import Change, Repeats, matches_text
 
 SUITE: Final = "frenetic rerun"
 """Name of the root element of a file."""
-# Characters that XML 1.0 cannot hold, even escaped.
-_NO_XML: Final = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
-_FAILS: Final = (Change.FAILS_AGAIN, Change.FAILS_NOW)
+_FORBIDDEN_CHARACTER: Final = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
+"""A character that XML 1.0 cannot hold, not even escaped."""
+_FAILING_CHANGES: Final = (Change.FAILS_AGAIN, Change.FAILS_NOW)
+"""Changes of a test on whose road the driver fails now."""
+_SECOND_DIGITS: Final = 3
+_METRE_DIGITS: Final = 4
 
 
 def write_junit(rerun: Rerun, path: Path | str) -> None:
@@ -38,10 +41,10 @@ def junit(rerun: Rerun) -> bytes:
     tests = rerun.tests
     counts = {
         "tests": str(len(tests)),
-        "failures": str(sum(test.change in _FAILS for test in tests)),
+        "failures": str(sum(test.change in _FAILING_CHANGES for test in tests)),
         "errors": str(rerun.count(Change.NOT_JUDGED)),
         "skipped": "0",
-        "time": _decimals(sum(drive.test.seconds for drive in rerun.drives), 3),
+        "time": _decimals(sum(drive.test.seconds for drive in rerun.drives), _SECOND_DIGITS),
     }
     name = _text(rerun.campaign)
     top = ET.Element("testsuites", {"name": SUITE, **counts})
@@ -50,14 +53,19 @@ def junit(rerun: Rerun) -> bytes:
     _add_properties(suite, {part: str(described["class"]) for part, described in parts.items()})
     for test in tests:
         seconds = sum(drive.test.seconds for drive in test.drives)
-        about = {"classname": name, "name": f"test {test.id}", "time": _decimals(seconds, 3)}
-        _add_outcome(ET.SubElement(suite, "testcase", about), test)
+        attributes = {
+            "classname": name,
+            "name": f"test {test.id}",
+            "time": _decimals(seconds, _SECOND_DIGITS),
+        }
+        _add_outcome(ET.SubElement(suite, "testcase", attributes), test)
     ET.indent(top)
     document: bytes = ET.tostring(top, encoding="utf-8", xml_declaration=True)
     return document + b"\n"
 
 
 def _add_outcome(case: ET.Element, test: Repeats) -> None:
+    """Add properties to a test case, and its failure or error; the worst drive stands for all."""
     matches = matches_text(test.drives)
     judged = [drive for drive in test.drives if drive.outcome.is_driven]
     worst = min(judged or test.drives, key=lambda drive: drive.margin)
@@ -71,29 +79,31 @@ def _add_outcome(case: ET.Element, test: Repeats) -> None:
         "outcome": str(worst.outcome),
         "outcome_before": str(test.recorded.outcome),
         "criteria": ", ".join(finding.criterion for finding in worst.test.result.findings),
-        "moobd": _decimals(worst.moobd, 4),
-        "moobd_before": _decimals(test.recorded.moobd, 4),
-        "length": _decimals(candidate.length, 4),
-        "duration": _decimals(worst.duration, 3),
+        "moobd": _decimals(worst.moobd, _METRE_DIGITS),
+        "moobd_before": _decimals(test.recorded.moobd, _METRE_DIGITS),
+        "length": _decimals(candidate.length, _METRE_DIGITS),
+        "duration": _decimals(worst.duration, _SECOND_DIGITS),
     }
     _add_properties(case, properties)
-    if test.change not in (*_FAILS, Change.NOT_JUDGED):
+    if test.change not in (*_FAILING_CHANGES, Change.NOT_JUDGED):
         return
     text = _text(f"{test.change}{f' ({matches})' if matches else ''}: {worst.reason}")
-    tag = "failure" if test.change in _FAILS else "error"
+    tag = "failure" if test.change in _FAILING_CHANGES else "error"
     ET.SubElement(case, tag, {"type": str(worst.outcome), "message": text}).text = text
 
 
 def _add_properties(parent: ET.Element, values: Mapping[str, str]) -> None:
+    """Add an element with properties, given as name -> value."""
     properties = ET.SubElement(parent, "properties")
     for name, value in values.items():
         ET.SubElement(properties, "property", {"name": name, "value": _text(value)})
 
 
 def _text(text: str) -> str:
-    """Return a text for XML, with the characters that XML cannot hold escaped as in Python."""
-    return _NO_XML.sub(lambda match: ascii(match[0])[1:-1], text)
+    """Return a text in which characters that XML cannot hold are escaped as in Python."""
+    return _FORBIDDEN_CHARACTER.sub(lambda match: ascii(match[0])[1:-1], text)
 
 
 def _decimals(value: float | None, digits: int) -> str:
+    """Return a number with ``digits`` decimals; an empty text for None."""
     return "" if value is None else f"{value:.{digits}f}"

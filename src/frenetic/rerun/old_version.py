@@ -1,7 +1,7 @@
-"""The old version of a driver, as its campaign recorded it, driven on fresh random roads.
+"""Drive the old version of a driver, as its campaign recorded it, on fresh random roads.
 
-Two versions of one module never meet in one process: an edited driver of the user's is made in a
-separate process, from the source that the campaign keeps.
+Two versions of one module never run in one process. So if the user has edited the driver since, its
+old version is made in a separate process, from the source that the campaign keeps.
 """
 
 from __future__ import annotations
@@ -48,9 +48,10 @@ from frenetic.rerun.campaigns import (
 from frenetic.search import RandomSearch
 from frenetic.spec import Budget, Spec
 
-FRESH: Final = 200
-"""Default number of fresh roads."""
-_POLL: Final = 0.2  # [s] between two checks whether Ctrl-C was pressed; ours
+DEFAULT_FRESH_ROADS: Final = 200
+"""Default number of fresh roads; our choice."""
+_INTERRUPT_POLL_INTERVAL: Final = 0.2
+"""Time between two checks whether Ctrl-C was pressed, in s; our choice."""
 
 
 @dataclass(frozen=True)
@@ -75,20 +76,20 @@ def fresh_roads(
     campaign: Path | str,
     tester: RoadTester,
     *,
-    fresh: int = FRESH,
+    fresh: int = DEFAULT_FRESH_ROADS,
     strategy_name: str | None = "random",
     **options: Unpack[RerunOptions],
 ) -> FreshRoads:
-    """Return fresh random roads that the old version has driven; missing drives are made.
+    """Let the old version drive fresh random roads, as far as it has not yet done so.
 
-    The seed is the least one that is not the campaign's.
+    The roads are drawn by random search with the least seed that the campaign did not use.
 
     Args:
         campaign: folder of a campaign of the old version.
         tester: drives with the old version on the campaign's terms.
         fresh: number of roads.
-        strategy_name: name of the strategy in the record; None leaves a record without a spec,
-            which is not signed.
+        strategy_name: name of the strategy in the recorded spec. None records no spec, so that
+            nothing is signed.
         options: see `RerunOptions`.
 
     Raises:
@@ -130,9 +131,9 @@ def recorded_driver(store: CampaignStore) -> Mapping[str, JSONValue]:
 
 
 def _fresh_seed(store: CampaignStore) -> int:
-    """Return the least seed that is not a campaign's."""
-    taken = store.config.get("seed")
-    return next(number for number in count() if number != taken)
+    """Return the least seed that a campaign did not use."""
+    used_seed = store.config.get("seed")
+    return next(seed for seed in count() if seed != used_seed)
 
 
 def _read_fresh_roads(
@@ -147,20 +148,20 @@ def fresh_roads_as_recorded(
     campaign: Path | str,
     spec: Spec,
     *,
-    fresh: int = FRESH,
+    fresh: int = DEFAULT_FRESH_ROADS,
     is_trusted: bool = False,
     **options: Unpack[RerunOptions],
 ) -> FreshRoads:
-    """Return fresh random roads that a campaign's driver has driven, in its recorded version.
+    """Let a campaign's driver, in its recorded version, drive fresh random roads.
 
-    A user's driver is made in a separate process, from the source that the campaign keeps if the
-    file was edited since: two versions of one module never meet in one process.
+    A user's driver drives in a separate process. If its file was edited since, it is made from the
+    source that the campaign keeps.
 
     Args:
         campaign: folder of the campaign.
         spec: spec of the campaign.
         fresh: number of roads.
-        is_trusted: whether the user trusts the campaign, with the sources that it keeps.
+        is_trusted: whether the user trusts the campaign and the sources that it keeps.
         options: see `RerunOptions`.
 
     Raises:
@@ -175,15 +176,21 @@ def fresh_roads_as_recorded(
 
 
 def _drive_in_process(old: OldVersion, fresh: int, options: RerunOptions) -> FreshRoads:
-    """Let an old version drive fresh roads in a separate process, which Ctrl-C ends."""
+    """Let an old version drive fresh roads in a separate process, which Ctrl-C ends.
+
+    The process reports events, which are passed on, and answers with the campaign's folder.
+
+    Raises:
+        CampaignError: the process was lost, or its call raised an error.
+    """
     on_event = options.get("on_event") or (lambda _: None)
     with CampaignStore.open(old.campaign) as store:
         seed, driver = _fresh_seed(store), recorded_driver(store)
-    now, folder = Summary(), old.campaign
+    summary, folder = Summary(), old.campaign
     worker = ObjectProcess("the old version", pack(old), files=())
 
     def on_interrupt() -> None:
-        on_event(Event("interrupted", now))
+        on_event(Event("interrupted", summary))
 
     with catch_interrupt(on_interrupt) as interrupt:
         try:
@@ -195,16 +202,16 @@ def _drive_in_process(old: OldVersion, fresh: int, options: RerunOptions) -> Fre
                 answer=str,
                 report=tuple[EventKind, Progress],
             )
-            while len(worker) and not interrupt.requested:
-                for _ in ready([worker], _POLL):
+            while len(worker) and not interrupt.requested:  # its answer is awaited
+                for _ in ready([worker], _INTERRUPT_POLL_INTERVAL):
                     for message in filter(None, worker.receive()):
                         if isinstance(message, str):
                             folder = Path(message)
                             continue
                         kind, progress = message
-                        now = progress.summary()
-                        folder = now.folder
-                        on_event(Event(kind, now))
+                        summary = progress.summary()
+                        folder = summary.folder
+                        on_event(Event(kind, summary))
         except LostProcessError as error:
             raise CampaignError(f"the old version did not drive: {error}") from None
         finally:
@@ -214,36 +221,46 @@ def _drive_in_process(old: OldVersion, fresh: int, options: RerunOptions) -> Fre
 
 @dataclass(frozen=True)
 class OldVersion:
-    """Recorded version of a campaign's driver, which a process makes and lets drive."""
+    """Recorded version of a campaign's driver: what a separate process needs to let it drive."""
 
     campaign: Path
     """Folder of the campaign."""
     spec: Spec
-    """Spec of the campaign, whose parts lie in `sources` if that is set."""
+    """Spec of the campaign; its parts are loaded from `sources` if that is set."""
     code_folder: Path
     """Folder from which the campaign's code is loaded."""
     sources: Path | None
     """Temporary folder with the recorded sources; None if the code was not edited."""
     others: frozenset[str] = field(default_factory=user_folders)
-    """Folders of other versions' modules, which the process must not search."""
+    """Folders with other versions of the modules, which the process must not search."""
 
     def start(self) -> None:
-        """Put the recorded sources before all other folders of `sys.path`."""
+        """Prepare the process: put the recorded sources before all other folders of `sys.path`."""
         path = [folder for folder in sys.path if folder not in self.others]
         sys.path[:] = path if self.sources is None else [str(self.sources), *path]
 
     def tester(self) -> RoadTester:
-        """Return a tester with the old version on the campaign's terms, without warnings."""
+        """Return a tester with the old version on the campaign's terms."""
         with CampaignStore.open(self.campaign) as store, chdir(self.sources or self.code_folder):
             return RoadTester.of(self.spec, store.setting.terms)
 
     def drive(self, fresh: int, workers: int, isolate: bool) -> str:
-        """Drive fresh roads and report events; return the folder of the campaign that drove."""
+        """Drive fresh roads and report events.
+
+        Args:
+            fresh: number of roads.
+            workers: see `RerunOptions`.
+            isolate: see `RerunOptions`.
+
+        Returns:
+            Folder of the campaign that drove the roads.
+        """
 
         def on_event(event: Event) -> None:
             report((event.kind, Progress.of_summary(event.summary)))
 
-        # A signature would outlive sources in a temporary folder, so these get none.
+        # A spec is signed as trusted. That must not outlive sources in a temporary folder, so a
+        # campaign of such sources records no spec.
         roads = fresh_roads(
             self.campaign,
             self.tester(),
@@ -274,13 +291,13 @@ def as_recorded(
 ) -> Iterator[OldVersion]:
     """Yield a campaign's driver in its recorded version.
 
-    If the source was edited since, the one that the campaign keeps lies in a temporary folder
-    until the context ends.
+    If the user has edited the source since, the source that the campaign keeps is written into a
+    temporary folder, which is removed when the context ends.
 
     Args:
         folder: folder of the campaign.
         spec: spec of the campaign.
-        is_trusted: whether the user trusts the campaign, with the sources that it keeps.
+        is_trusted: whether the user trusts the campaign and the sources that it keeps.
 
     Raises:
         CampaignError: the source was edited, and the campaign keeps none.
@@ -288,9 +305,9 @@ def as_recorded(
     """
     with CampaignStore.open(folder) as store:
         sources: Any = store.fact(SOURCES)
-        driving = {kind: part for kind, part in spec.parts.items() if kind not in NOT_DRIVING}
+        driving_parts = {kind: part for kind, part in spec.parts.items() if kind not in NOT_DRIVING}
         code_folder = signed_spec(store).require_trusted(
-            folder, needed=driving, sources=sources, is_trusted=is_trusted, optional=()
+            folder, needed=driving_parts, sources=sources, is_trusted=is_trusted, optional=()
         )
     sources = sources if isinstance(sources, Mapping) else {}
     driver = spec.part("driver")
@@ -305,23 +322,37 @@ def as_recorded(
             f"{folder} keeps no source of its driver {driver.name!r}: bring the old version"
             " back first"
         )
-    with TemporaryDirectory() as text:
-        temporary = Path(text).resolve()
-        for file, source in sources.items():
-            target = (temporary / file).resolve()
-            if not target.is_relative_to(temporary):
-                raise CampaignError(f"{folder} is damaged: it keeps the source of {file!r}")
-            target.parent.mkdir(parents=True, exist_ok=True)
-            target.write_text(str(source), encoding="utf-8", newline="\n")
+    with TemporaryDirectory() as temporary_name:
+        temporary = Path(temporary_name).resolve()
+        _write_sources(sources, temporary, folder)
         restored = _with_sources_in(temporary, spec, code_folder)
         yield OldVersion(Path(folder), restored, code_folder, temporary)
+
+
+def _write_sources(sources: Mapping[str, Any], target: Path, campaign: Path | str) -> None:
+    """Write recorded sources into a folder.
+
+    Args:
+        sources: file name -> text.
+        target: the folder.
+        campaign: folder of the campaign that keeps the sources.
+
+    Raises:
+        CampaignError: a file name leads out of the folder.
+    """
+    for name, text in sources.items():
+        file = (target / name).resolve()
+        if not file.is_relative_to(target):
+            raise CampaignError(f"{campaign} is damaged: it keeps the source of {name!r}")
+        file.parent.mkdir(parents=True, exist_ok=True)
+        file.write_text(str(text), encoding="utf-8", newline="\n")
 
 
 def _with_sources_in(sources: Path, spec: Spec, code_folder: Path) -> Spec:
     """Return a spec that loads a user's driver and simulator from recorded sources.
 
     Args:
-        sources: folder with the recorded sources, by the names in the campaign.
+        sources: folder with the recorded sources, under the file names in the campaign.
         spec: spec of the campaign.
         code_folder: folder to which the other paths of the parts are relative.
     """

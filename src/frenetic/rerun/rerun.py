@@ -1,9 +1,10 @@
 """Rerun: drive a campaign's roads again, also in other conditions, simulators or by other drivers.
 
-The roads keep their places on the map and their recorded conditions. With the campaign's parts each
-drive repeats exactly, unless driver or simulator is not repeatable. Conditions can vary within
-ranges: friction, speed limit, the driver's noise and so on. Another driver shows which failures it
-has fixed; another simulator shows which failures are the driver's.
+The roads keep their poses on the map and their recorded conditions. With the campaign's parts each
+drive repeats exactly, unless driver or simulator is not repeatable. Conditions, such as friction,
+speed limit or the driver's noise, can vary within ranges. A rerun with another driver shows which
+failures that driver does not have; a rerun in another simulator shows which failures do not depend
+on the simulator.
 
 In the recorded conditions a failure is *repeatable* or *not repeatable*. In varied conditions it is
 *robust* if at least half of the drives show it and *fragile* if fewer do; the whole 95 % interval
@@ -46,9 +47,14 @@ logger = logging.getLogger(__name__)
 
 
 def recorded_rules(store: CampaignStore, spec: Spec) -> Rules | None:
-    """Return the recorded rules of a campaign from Python, overridden by those that a spec gives.
+    """Return the rules for roads of a campaign that Python code began, None for other campaigns.
 
-    None for a campaign with a spec, whose rules follow from its named parts.
+    A campaign of the command line keeps a spec, from which its rules follow. A campaign of Python
+    code keeps only its rules: the spec's rules, where it sets any, replace them.
+
+    Args:
+        store: the campaign.
+        spec: spec for driving the roads.
     """
     if store.config.get(SPEC) is not None:
         return None
@@ -56,24 +62,34 @@ def recorded_rules(store: CampaignStore, spec: Spec) -> Rules | None:
 
 
 def campaign_tester(store: CampaignStore, spec: Spec) -> RoadTester:
-    """Return a tester for a campaign's roads; warn of parts whose version has changed.
+    """Return a tester for a campaign's roads, and warn of parts whose version has changed.
 
     Args:
         store: the campaign.
-        spec: the campaign's spec, possibly with other parts, rules and conditions.
+        spec: spec of the campaign, or one with other parts, rules and conditions.
 
     Raises:
         CampaignError: the campaign's configuration is damaged.
         FreneticError: a part cannot be made.
     """
     setting = store.setting
-    terms = replace(spec.terms, map_size=setting.map_size, map_margin=setting.map_margin)
-    terms = replace(terms, lane_width=setting.lane_width, road_class=setting.road_class)
-    terms, rules = replace(terms, domain=setting.domain), recorded_rules(store, spec)
-    tester = RoadTester.of(spec, terms, rules)
+    terms = replace(
+        spec.terms,
+        map_size=setting.map_size,
+        map_margin=setting.map_margin,
+        lane_width=setting.lane_width,
+        road_class=setting.road_class,
+        domain=setting.domain,
+    )
+    tester = RoadTester.of(spec, terms, recorded_rules(store, spec))
+    _warn_of_versions(store, tester)
+    return tester
+
+
+def _warn_of_versions(store: CampaignStore, tester: RoadTester) -> None:
+    """Warn of each part of a tester whose version is not the one that a campaign recorded."""
     for note in version_notes(store.config, tester.described):
         logger.warning("%s", note)
-    return tester
 
 
 def rerun(folder: Path | str, simulator: Simulator, driver: Driver, **options: Any) -> Rerun:
@@ -83,12 +99,16 @@ def rerun(folder: Path | str, simulator: Simulator, driver: Driver, **options: A
         folder: folder of the campaign.
         simulator: any simulator, not yet entered.
         driver: any driver.
-        options: options of `rerun_with`, which also says what is raised.
+        options: options of `rerun_with`.
+
+    Raises:
+        CampaignError: see `rerun_with`.
+        FreneticError: see `rerun_with`.
+        ValueError: an option is out of range.
     """
     with CampaignStore.open(folder) as store:
         tester = RoadTester(simulator, driver, store.setting.terms)
-        for note in version_notes(store.config, tester.described):
-            logger.warning("%s", note)
+        _warn_of_versions(store, tester)
     return rerun_with(folder, tester, **options)
 
 
@@ -103,29 +123,30 @@ def rerun_with(
     instead: Iterable[str] = (),
     **options: Unpack[RerunOptions],
 ) -> Rerun:
-    """Drive tests of a campaign again, each at its place on the map and in its recorded conditions.
+    """Drive tests of a campaign again, each at its pose on the map and in its recorded conditions.
 
-    A varied condition has the same amounts in every test, except that a usual range lies around a
-    test's recorded amount. An interrupted rerun goes on, a complete one is read.
+    A varied condition has the same amounts in every test. Only a condition that varies in its usual
+    range does so around the amount that the test recorded. The same call continues an interrupted
+    rerun, and reads a complete one.
 
     Args:
         folder: folder of the campaign.
-        tester: drives on the campaign's terms or in other conditions; see `campaign_tester`.
-        tests: ids of tests; by default all failures, the most severe first.
+        tester: drives on the campaign's terms or in other conditions, see `campaign_tester`.
+        tests: ids of tests; by default all failures, the lowest MOOBD first.
         times: number of drives of each test.
         vary: ranges of the varied conditions; none by default.
         seed: seed of the conditions.
-        instead: conditions whose recorded amounts do not count, because simulator or driver have
-            others.
+        instead: conditions whose recorded amounts are ignored, because the simulator or the driver
+            has other amounts of these conditions.
         options: see `RerunOptions`.
 
     Raises:
         CampaignError: the campaign is damaged, a test was not driven, or see
             `frenetic.rerun.campaigns.rerun_campaign`.
-        FreneticError: the simulator cannot vary a condition, or cannot lay a recorded one.
+        FreneticError: the simulator cannot vary a condition, or lacks a recorded condition.
         ValueError: an option is out of range.
     """
-    seed = int(seed)  # which may be numpy's
+    seed = int(seed)  # a numpy integer cannot be stored as JSON
     instead = sorted(require_list("instead", instead, "conditions"))
     vary = require_list("vary", vary, "variations")
     vary = [
@@ -144,7 +165,7 @@ def rerun_with(
         road.id: without(recorded_conditions(road, simulator.rules), *instead)
         for road in candidates
     }
-    # One test of those with the same conditions is checked.
+    # Of tests with the same conditions, whatever their amounts, one is checked.
     by_conditions = {frozenset(amounts): amounts for amounts in recorded.values()}
     for amounts in ({}, *by_conditions.values()):
         check_pair_in(terms.conditions_of({**amounts, **drawn[0]}), simulator, driver)
@@ -171,15 +192,15 @@ def drive_tests(
     instead: Iterable[str] = (),
     options: RerunOptions,
 ) -> Rerun:
-    """Drive tests of a campaign again in the conditions given, see `ReplayRoads`.
+    """Drive tests of a campaign again, in certain conditions.
 
     Args:
         folder: folder of the campaign.
-        tester: drives.
-        tests: ids of tests.
-        conditions: conditions of each drive.
-        variations: ranges from which the conditions were drawn, for the record.
-        instead: conditions whose recorded amounts do not count.
+        tester: drives the roads.
+        tests: ids of tests; an id that is repeated counts once.
+        conditions: conditions of each drive, see `ReplayRoads`.
+        variations: ranges from which the conditions were drawn, which are only recorded.
+        instead: conditions whose recorded amounts are ignored.
         options: see `RerunOptions`.
 
     Raises:

@@ -36,6 +36,7 @@ class Rerun:
     simulator: Mapping[str, JSONValue]
     """Simulator, as `frenetic.spec.part_record.describe` records it."""
     rules: Rules
+    """Rules by which the drives ended."""
     planned: int
     """Number of planned drives; Ctrl-C leaves fewer."""
     tests: tuple[Repeats, ...]
@@ -43,7 +44,7 @@ class Rerun:
     variations: tuple[Variation, ...] = ()
     """Ranges from which the conditions were drawn."""
     conditions: Mapping[str, float] = field(default_factory=dict)
-    """Conditions of every drive; each drive may have more."""
+    """Conditions of every drive; a drive may have further ones, see `Repeat.conditions`."""
     folder: Path | None = None
     """Folder of the campaign that drove the roads; None if there was nothing to drive."""
 
@@ -74,7 +75,7 @@ class Rerun:
 
     @cached_property
     def key(self) -> str:
-        """Hexadecimal digest of simulator, driver, rules and conditions."""
+        """Hexadecimal digest of simulator, driver, rules and conditions, by which reruns merge."""
         rules, conditions = self.rules.as_json(), dict(self.conditions)
         parts = comparison_key(self.simulator, self.driver, rules, conditions)
         return hashlib.sha256(parts.encode()).hexdigest()[:SHORT]
@@ -108,19 +109,21 @@ class Rerun:
 
 @dataclass(frozen=True)
 class _RerunPurpose:
-    """Entry of a rerun's configuration, see `frenetic.rerun.campaigns.PURPOSE`."""
+    """Entry `frenetic.rerun.campaigns.PURPOSE` of a rerun's configuration."""
 
     digest: str
+    """Digest of the rerun's roads and parts."""
     planned: int
+    """Number of planned drives."""
     variations: tuple[Variation, ...] = ()
 
 
 def read_rerun(folder: Path | str, source: Path | str) -> Rerun:
-    """Return the rerun in a folder, possibly incomplete.
+    """Return the rerun in a folder, which may be incomplete.
 
     Args:
         folder: folder of the campaign that drove the roads.
-        source: folder of the campaign whose roads they are.
+        source: folder of the campaign that the roads come from.
 
     Raises:
         CampaignError: a campaign is damaged, or ``folder`` holds no rerun.
@@ -130,21 +133,7 @@ def read_rerun(folder: Path | str, source: Path | str) -> Rerun:
             purpose = convert(purpose_of(store), _RerunPurpose)
         except ValidationError as error:
             raise CampaignError(f"{folder} is no rerun of a campaign: {error}") from None
-        recorded: dict[int, tuple[Test, Failure | None]] = {}
-        drives: dict[int, list[Repeat]] = {}
-        for test in sorted(store.tests(with_trajectory=True), key=lambda test: test.id):
-            if test.candidate.source is None:
-                raise CampaignError(f"{folder} is damaged: test {test.id} has no source")
-            number = test.candidate.source.test
-            if number not in recorded:
-                original_test = original.test(number)
-                recorded[number] = original_test, Failure.of_test(original_test)
-            before, failure = recorded[number]
-            failure_now = Failure.of_test(test) if failure is not None else None
-            difference = (
-                None if failure is None or failure_now is None else failure.difference(failure_now)
-            )
-            drives.setdefault(number, []).append(Repeat(before, test, difference))
+        drives = _read_repeats(store, original)
         parts: Any = store.config
         setting, original_setting = store.setting, original.setting
         is_own = (
@@ -162,8 +151,8 @@ def read_rerun(folder: Path | str, source: Path | str) -> Rerun:
             setting.rules,
             purpose.planned,
             tuple(
-                _repeats(recorded[number][0], repeats, purpose.variations, setting.rules, is_own)
-                for number, repeats in drives.items()
+                _repeats(repeats, purpose.variations, setting.rules, is_own)
+                for repeats in drives.values()
             ),
             purpose.variations,
             setting.conditions,
@@ -171,17 +160,52 @@ def read_rerun(folder: Path | str, source: Path | str) -> Rerun:
         )
 
 
+def _read_repeats(store: CampaignStore, original: CampaignStore) -> dict[int, list[Repeat]]:
+    """Return id of a recorded test -> its repeats, in the order in which the roads were driven.
+
+    Args:
+        store: campaign that drove the roads again.
+        original: campaign that the roads come from.
+
+    Raises:
+        CampaignError: a test does not say which recorded test it repeats.
+    """
+    recorded: dict[int, tuple[Test, Failure | None]] = {}
+    drives: dict[int, list[Repeat]] = {}
+    for test in sorted(store.tests(with_trajectory=True), key=lambda test: test.id):
+        if test.candidate.source is None:
+            raise CampaignError(f"{store.folder} is damaged: test {test.id} has no source")
+        number = test.candidate.source.test
+        if number not in recorded:
+            recorded_test = original.test(number)
+            recorded[number] = recorded_test, Failure.of_test(recorded_test)
+        recorded_test, old_failure = recorded[number]
+        new_failure = Failure.of_test(test) if old_failure is not None else None
+        difference = None
+        if old_failure is not None and new_failure is not None:
+            difference = old_failure.difference(new_failure)
+        drives.setdefault(number, []).append(Repeat(recorded_test, test, difference))
+    return drives
+
+
 def _repeats(
-    recorded: Test,
     drives: Sequence[Repeat],
     variations: Sequence[Variation],
     rules: Rules,
-    is_own: bool,
+    has_own_parts: bool,
 ) -> Repeats:
-    """Return the drives of a test; they are the campaign's own if only varied conditions differ."""
+    """Return the repeats of one test, with the ranges of its conditions.
+
+    Args:
+        drives: repeats of the test.
+        variations: varied conditions of the rerun.
+        rules: rules of the rerun.
+        has_own_parts: whether parts, rules and common conditions are the source campaign's.
+    """
+    recorded = drives[0].recorded
     conditions = recorded.candidate.conditions
     varied = [variation.condition for variation in variations]
-    is_own &= all(
+    is_own = has_own_parts and all(
         without(drive.conditions, *varied, SEED) == without(conditions, *varied, SEED)
         for drive in drives
     )
@@ -207,20 +231,24 @@ def read_reruns(folder: Path | str) -> list[Rerun]:
 
 
 def rerun_name(rerun: Rerun, config: Mapping[str, Any]) -> str:
-    """Return the name of a rerun's simulator, with driver and conditions unless the campaign's."""
+    """Return the name of a rerun: its simulator, and what else is not as in the campaign.
+
+    Args:
+        rerun: the rerun.
+        config: configuration of the source campaign.
+    """
     simulator = part_text(rerun.simulator, config.get("simulator"))
     driver = part_text(rerun.driver, config.get("driver"))
     if dict(rerun.conditions) != (config.get("conditions") or {}):
-        words = as_text(rerun.conditions)
-        simulator += f" with {words}" if words else " in the usual conditions"
+        conditions = as_text(rerun.conditions)
+        simulator += f" with {conditions}" if conditions else " in the usual conditions"
     return simulator if driver == part_text(config.get("driver")) else f"{driver} in {simulator}"
 
 
 def own_repeats(reruns: Iterable[Rerun]) -> list[Repeats]:
-    """Return the most informative repeats of each test with a campaign's own parts.
+    """Return the most informative repeats of each test that were driven with the campaign's parts.
 
-    Repeats in varied conditions win over others, then more judged drives over fewer, then later
-    reruns over earlier ones.
+    Repeats in varied conditions are preferred, then those with more judged drives, then later ones.
 
     Args:
         reruns: reruns in the order of `read_reruns`.
@@ -239,7 +267,11 @@ def own_repeats(reruns: Iterable[Rerun]) -> list[Repeats]:
 def in_other_simulators(reruns: Iterable[Rerun], config: Mapping[str, Any]) -> list[Rerun]:
     """Return the reruns in other simulators than the campaign's, merged by parts and conditions.
 
-    The last judged drives of each test count.
+    Of each test the drives of the last rerun that could judge some count.
+
+    Args:
+        reruns: reruns in the order of `read_reruns`.
+        config: configuration of the source campaign.
     """
     merged: dict[str, Rerun] = {}
     for rerun in reruns:
