@@ -15,17 +15,17 @@ class CarState:
     """State of the car in BeamNG.tech at one moment."""
 
     time: float
-    """Time on the simulator's own clock in s, which started at some time."""
+    """Time of BeamNG.tech's clock, in s; only differences of times matter."""
     position: FloatArray
-    """The car's reference node, (3,) in m."""
+    """Position of the car's reference node, which need not be in its middle, (3,) in m."""
     forward: FloatArray
     """Unit vector ahead, (3,)."""
     up: FloatArray
     """Unit vector upwards, (3,)."""
     velocity: FloatArray
-    """Velocity, (3,) in m/s."""
+    """Velocity of the reference node, (3,) in m/s."""
     steering_input: float
-    """Steering input -1..1, as BeamNG.tech counts it."""
+    """Steering input -1..1; `MeasuredCar.steering` says to which side it turns."""
     throttle_input: float
     """Throttle input, 0..1."""
     brake_input: float
@@ -41,8 +41,8 @@ class CarState:
         """Speed over the ground, in m/s."""
         return math.hypot(self.velocity[0], self.velocity[1])
 
-    def place(self, ahead: float, left: float) -> tuple[float, float]:
-        """Return the point so many m ahead and left of the car's position, in m."""
-        aside = np.cross(self.up, self.forward)
-        x, y, _ = self.position + ahead * self.forward + left * aside
+    def point(self, ahead: float, left: float) -> tuple[float, float]:
+        """Return x and y of a point ahead and to the left of the car's position, all in m."""
+        left_vector = np.cross(self.up, self.forward)
+        x, y, _ = self.position + ahead * self.forward + left * left_vector
         return float(x), float(y)

@@ -1,20 +1,17 @@
 """The connection to BeamNG.tech: the only module that calls BeamNGpy.
 
-Every trouble becomes a `BeamngError`. BeamNGpy is imported on use, since that takes seconds.
+Every error becomes a `BeamngError`.
 """
 
 from __future__ import annotations
 
-import importlib
 import logging
 import math
 import os
 import subprocess
-import sys
 import time
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager, suppress
-from importlib.metadata import version
+from collections.abc import Mapping
+from contextlib import suppress
 from itertools import count
 from pathlib import Path
 from typing import Any, Final
@@ -22,10 +19,15 @@ from typing import Any, Final
 import numpy as np
 
 from frenetic._support.arrays import FloatArray
-from frenetic._support.words import pip_install
 from frenetic.drivers.camera import Camera, Image
-from frenetic.errors import FreneticError, describe_error
 from frenetic.plugins.beamng.car_state import CarState
+from frenetic.plugins.beamng.package import (
+    BeamngError,
+    beamngpy,
+    beamngpy_module,
+    new_connection,
+    translated_errors,
+)
 from frenetic.plugins.beamng.process import (
     LOOPBACK,
     QUIT_LIMIT,
@@ -35,37 +37,45 @@ from frenetic.plugins.beamng.process import (
 )
 from frenetic.road import Pose, Road
 
-DEFAULT_PORT: Final = 25252
-"""Port on which BeamNG.tech listens by default."""
-HOME_VARIABLE: Final = "BNG_HOME"
-"""Environment variable that says where BeamNG.tech is installed."""
-EXTRA: Final = pip_install("beamng")
 START_LIMIT: Final = 180.0
-"""Time that BeamNG.tech may take to start, in s."""
+"""Time that BeamNG.tech may take to start, in s; our choice."""
 LOAD_LIMIT: Final = 300.0
-"""Time that BeamNG.tech may take for each answer while it loads a level, in s."""
+"""Time that BeamNG.tech may take for each answer while it loads a level, in s; our choice."""
 MARKING_WIDTH: Final = 0.15
-"""Width of the lines along the road's edges, in m."""
+"""Width of the lines along the road's edges, in m; our choice."""
 REPLY_LIMIT: Final = 60.0
-"""Time that BeamNG.tech may take for any other answer, in s."""
+"""Time that BeamNG.tech may take for any other answer, in s; our choice."""
 STEPS_PER_SECOND: Final = 60
-"""Frames into which a simulated second is cut."""
+"""Number of frames of a simulated second; our choice."""
 DROP: Final = 0.2
-"""Distance above the ground at which the car is put, in m; it settles before the drive begins."""
+"""Distance above the ground at which the car is put, in m; it settles before the drive begins; our
+choice."""
 
+# Names of objects in the scenario
 ROAD: Final = "frenetic_road"
 GOAL: Final = "frenetic_goal"
 EGO: Final = "ego"
 CAMERA: Final = "frenetic_camera"
-# Drawn with a centre line; known in every level.
 _SURFACE: Final = "track_editor_C_center"
+"""Material of the road, known in every level: it shows a centre line."""
 _LINE: Final = "m_line_white"
-_ALL_WAYS: Final = (0.0, 0.0, 0.0, 1.0)
-_DIRECT: Final = 2  # BeamNG.tech's number of the filter for steering wheels; a gamepad's is 1
-_PICTURE_PERIOD: Final = 0.05  # s between two pictures
-_SEEN: Final = (0.05, 2000.0)  # m, the nearest and the farthest that a camera sees
-_POLL: Final = 0.5  # s between two looks whether BeamNG.tech has started
-_CONNECT_LIMIT: Final = 10.0  # s until a port that does not even refuse counts as unreachable
+"""Material of the lines along the road's edges, known in every level."""
+_NOT_TURNED: Final = (0.0, 0.0, 0.0, 1.0)
+"""Quaternion (x, y, z, w) of an object that is not turned."""
+_GOAL_SIZE: Final = 4.0
+"""Size of the waypoint at the road's end, in m; our choice."""
+_NOT_FOR_AI: Final = -1
+"""Drivability of a road that BeamNG.AI does not drive on."""
+_WHEEL_FILTER: Final = 2
+"""BeamNG.tech's number of the filter for steering wheels, without smoothing; a gamepad's is 1."""
+_PICTURE_PERIOD: Final = 0.05
+"""Time between two pictures of the camera, in s."""
+_CAMERA_RANGE: Final = (0.05, 2000.0)
+"""Distances of the nearest and the farthest that a camera sees, in m; our choice."""
+_START_POLL_INTERVAL: Final = 0.5
+"""Time between two attempts to connect to a BeamNG.tech that starts, in s; our choice."""
+_MAX_LISTED_NAMES: Final = 20
+"""Most names that an error lists."""
 # Front, then rear; each bottom left, bottom right, top left, top right.
 _CORNERS: Final = tuple(
     f"{end}_{height}_{side}"
@@ -75,83 +85,18 @@ _CORNERS: Final = tuple(
 )
 
 logger = logging.getLogger(__name__)
-_silence = logging.NullHandler()
-_scenarios = count(1)
-
-
-class BeamngError(FreneticError):
-    """BeamNG.tech cannot be started or reached, or it broke."""
-
-
-def place_of(
-    home: str | None,
-    user: str | None,
-    host: str | None,
-    port: int | None,
-    headless: bool,
-    no_gpu: bool,
-) -> dict[str, Any]:
-    """BeamNGpy's arguments for a place: a home starts BeamNG.tech, a host or port connects to one.
-
-    Raises:
-        BeamngError: no option names a place, or the options contradict each other.
-    """
-    is_running = host is not None or port is not None
-    if home is None and not is_running:
-        home = os.environ.get(HOME_VARIABLE) or None
-        if home is None:
-            raise BeamngError(
-                "nothing says where BeamNG.tech is: give its folder as home, set"
-                f" {HOME_VARIABLE}, or give the port (and the host) of one that runs"
-            )
-    elif home is not None and is_running:
-        raise BeamngError(
-            "home excludes host and port: give a home to start BeamNG.tech on this machine, or a"
-            " host or port to connect to one that runs"
-        )
-    if home is None:
-        if user or headless or no_gpu:
-            raise BeamngError(
-                "user, headless and no_gpu are for a BeamNG.tech that is started: give home, too"
-            )
-        return {"host": host or LOOPBACK, "port": port or DEFAULT_PORT, "home": None}
-    folders = {
-        name: folder and str(Path(folder).expanduser().resolve())
-        for name, folder in (("home", home), ("user", user))
-    }
-    if " " in (folders["user"] or ""):
-        raise BeamngError(
-            f"user {user!r}: BeamNG.tech takes no folder with a space in its path; give another"
-        )
-    return {"host": LOOPBACK, "port": None, **folders, "headless": headless, "nogpu": no_gpu}
-
-
-def beamngpy() -> Any:
-    """Return the package BeamNGpy.
-
-    Raises:
-        BeamngError: it is not installed.
-    """
-    # BeamNGpy logs a lot, and its warnings go unread; those that matter become errors.
-    foreign_logger = logging.getLogger("beamngpy")
-    foreign_logger.addHandler(_silence)
-    foreign_logger.propagate = logger.isEnabledFor(logging.DEBUG)
-    try:
-        return importlib.import_module("beamngpy")
-    except ModuleNotFoundError as error:
-        if error.name != "beamngpy":
-            raise
-        raise BeamngError(f"BeamNG.tech needs the package beamngpy: {EXTRA}") from None
+_scenario_numbers = count(1)
 
 
 class Link:
-    """A connection to BeamNG.tech, and the process if it was started for it.
+    """A connection to BeamNG.tech, which starts BeamNG.tech if that is not running.
 
     Args:
-        place: where BeamNG.tech is, see `place_of`.
+        place: BeamNGpy's arguments that say where BeamNG.tech is, see
+        `frenetic.plugins.beamng.location`.
 
     Raises:
-        BeamngError: it does not start or answer, or is of another version than BeamNGpy.
+        BeamngError: BeamNG.tech does not start or answer, or its version does not fit BeamNGpy's.
     """
 
     def __init__(self, place: Mapping[str, Any]) -> None:
@@ -161,10 +106,10 @@ class Link:
         self._ego: Any = None
         self._camera: Any = None
         self.user_folder = ""
-        """Folder for its files and licence, on its machine."""
+        """Folder with files and licence of BeamNG.tech, on the machine that it runs on."""
         self.is_licensed = False
-        """Whether it found its licence, so that it is BeamNG.tech."""
-        with _asking("preparing it"):
+        """Whether BeamNG.tech has found its licence."""
+        with translated_errors("preparing it"):
             port = place["port"] or free_port()
             self._bng: Any = self._package.BeamNGpy(**{**place, "port": port}, quit_on_close=False)
         where = f"{self._bng.host}:{self._bng.port}"
@@ -181,16 +126,21 @@ class Link:
             raise
         logger.info("connected to BeamNG.tech %s at %s", self.version, where)
 
-    # Its life
+    # Start and end
 
     def _start(self) -> None:
+        """Start BeamNG.tech and connect to it.
+
+        Raises:
+            BeamngError: it ended, or did not listen within `START_LIMIT`.
+        """
         bng = self._bng
-        with _asking("starting it"), child_deaf_to_interrupt():
+        with translated_errors("starting it"), child_deaf_to_interrupt():
             bng._start_beamng(None, "-tcom-listen-ip", LOOPBACK)
             process: subprocess.Popen[bytes] = bng.process
         self._process = process
         deadline = time.monotonic() + START_LIMIT
-        # During the start its first answer may also take long.
+        # The first answer may take as long as the start.
         while not self._open(max(START_LIMIT, REPLY_LIMIT)):
             code = process.poll()
             if code is not None or time.monotonic() > deadline:
@@ -199,51 +149,56 @@ class Link:
                     ended = f"ended while it started, with exit code {code}"
                 by_hand = bng.get_launch_arguments()
                 raise BeamngError(f"BeamNG.tech {ended}: start it by hand to see why ({by_hand})")
-            time.sleep(_POLL)
+            time.sleep(_START_POLL_INTERVAL)
 
     def _open(self, limit: float) -> bool:
-        """Connect if somebody listens; the first answer may take as long as the limit in s."""
+        """Connect to BeamNG.tech, and ask it for its licence and its user folder.
+
+        Args:
+            limit: time that the first answer may take, in s.
+
+        Returns:
+            Whether BeamNG.tech listens.
+        """
         bng = self._bng
-        with _asking(f"connecting to {bng.host}:{bng.port}"):
-            # BeamNGpy's own way of opening waits for an answer twice.
-            bng.connection = _connection(bng.host, bng.port, limit)
+        with translated_errors(f"connecting to {bng.host}:{bng.port}"):
+            # BeamNGpy's method ``open`` would wait for an answer twice.
+            bng.connection = new_connection(bng.host, bng.port, limit)
             if not bng.connection.connect_to_beamng(tries=1, log_tries=False):
                 return False
-            self._limit(REPLY_LIMIT)
+            self._set_answer_limit(REPLY_LIMIT)
             self.is_licensed = bool(bng.system.get_info()["tech"])
             self.user_folder = str(bng.system.get_environment_paths()["user"])
         return True
 
     @property
     def version(self) -> str:
-        """Version of BeamNG.tech, as far as the name of its user folder tells it."""
+        """Version of BeamNG.tech: the name of its user folder; ``unknown`` without that."""
         return Path(self.user_folder.replace("\\", "/")).name or "unknown"
 
     def require(self, level: str, vehicle: str) -> None:
-        """Check that there are a level and a vehicle.
+        """Check that BeamNG.tech has a level and a vehicle.
 
         Raises:
             BeamngError: one is missing; the message lists others.
         """
-        with _asking("listing levels and vehicles"):
-            known = {
-                f"level {level}": self._bng.scenario.get_levels(),
-                f"vehicle {vehicle}": self._bng.vehicles.get_available(),
-            }
-        for wanted, names in known.items():
-            if wanted.partition(" ")[2] not in names:
-                listed = ", ".join(sorted(names)[:20])
-                raise BeamngError(f"there is no {wanted}: choose one of {listed}")
+        with translated_errors("listing levels and vehicles"):
+            levels = self._bng.scenario.get_levels()
+            vehicles = self._bng.vehicles.get_available()
+        for kind, name, names in (("level", level, levels), ("vehicle", vehicle, vehicles)):
+            if name not in names:
+                listed = ", ".join(sorted(names)[:_MAX_LISTED_NAMES])
+                raise BeamngError(f"there is no {kind} {name}: choose one of {listed}")
 
     def close(self) -> None:
-        """Disconnects; ends BeamNG.tech if it was started for this connection."""
+        """Disconnect; end BeamNG.tech if it was started for this connection."""
         process, self._process = self._process, None
         self._scenario = self._ego = None
         try:
-            # A lost connection need not be closed cleanly.
+            # Errors do not matter: the connection may be lost, and the process is ended below.
             if process is not None and process.poll() is None:
                 with suppress(Exception):
-                    self._limit(QUIT_LIMIT)
+                    self._set_answer_limit(QUIT_LIMIT)
                     self._bng.control.quit_beamng()
             with suppress(Exception):
                 self._bng.disconnect()
@@ -251,8 +206,8 @@ class Link:
             if process is not None:
                 end_process(process)
 
-    def _limit(self, seconds: float) -> None:
-        """Limits the time of an answer of BeamNG.tech and its vehicle."""
+    def _set_answer_limit(self, seconds: float) -> None:
+        """Limit the time that an answer of BeamNG.tech and of the car may take, in s."""
         for holder in (self._bng, self._ego):
             connection = getattr(holder, "connection", None)
             if connection is not None and connection.skt is not None:
@@ -264,46 +219,19 @@ class Link:
         """Build a road of two lanes and put the car on it, while time stands still.
 
         Args:
-            level: a flat one.
-            ground: m, its height.
-            road: has the same place on the map and in BeamNG.tech.
-            start: place of the car's position, which need not be its middle, and its heading.
-            vehicle: the car's model.
+            level: name of a flat level.
+            ground: height of the level's ground, in m.
+            road: road, which has the same coordinates on the map and in BeamNG.tech.
+            start: pose of the car's reference node, which need not be in its middle.
+            vehicle: name of the car's model.
         """
         self.unload()
-
-        def nodes(line: FloatArray) -> list[tuple[float, float, float]]:
-            return [(float(x), float(y), ground) for x, y in line]
-
         package = self._package
-        self._limit(LOAD_LIMIT)
-        with _asking(f"loading the road and {vehicle} in level {level}"):
-            scenario = package.Scenario(level, f"frenetic_{os.getpid()}_{next(_scenarios)}")
-            # The first road added is drawn on top; one with a drivability is one to BeamNG.AI.
-            inset = road.lane_width - MARKING_WIDTH
-            for name, offset in (("left", inset), ("right", -inset)):
-                marking = package.Road(
-                    _LINE, rid=f"frenetic_{name}", drivability=-1, default_width=MARKING_WIDTH
-                )
-                marking.add_nodes(*nodes(road.sample(offset=offset)))
-                scenario.add_road(marking)
-            surface = package.Road(_SURFACE, rid=ROAD, default_width=2.0 * road.lane_width)
-            surface.add_nodes(*nodes(road.road_points))
-            scenario.add_road(surface)
-            goal = nodes(road.road_points[-1:])[0]
-            scenario.add_object(
-                package.ScenarioObject(GOAL, GOAL, "BeamNGWaypoint", goal, (4.0,) * 3, _ALL_WAYS)
-            )
-            ego = package.Vehicle(EGO, model=vehicle)
-            ego.sensors.attach("electrics", _module("sensors").Electrics())
-            # A quaternion (x, y, z, w) of a car that faces -y unless it is turned.
-            half = 0.5 * math.atan2(-math.cos(start.heading), -math.sin(start.heading))
-            scenario.add_vehicle(
-                ego,
-                pos=(start.x, start.y, ground + DROP),
-                rot_quat=(0.0, 0.0, math.sin(half), math.cos(half)),
-                safe_spawn=False,
-            )
+        self._set_answer_limit(LOAD_LIMIT)
+        with translated_errors(f"loading the road and {vehicle} in level {level}"):
+            scenario = package.Scenario(level, f"frenetic_{os.getpid()}_{next(_scenario_numbers)}")
+            self._add_road(scenario, road, ground)
+            ego = self._add_car(scenario, vehicle, start, ground)
             scenario.make(self._bng)
             self._scenario = scenario
             self._bng.settings.set_deterministic(STEPS_PER_SECOND)
@@ -315,35 +243,77 @@ class Link:
             self._bng.control.pause()
             self._bng.scenario.start()
             self._bng.control.pause()
-        self._limit(REPLY_LIMIT)
+        self._set_answer_limit(REPLY_LIMIT)
+
+    def _add_road(self, scenario: Any, road: Road, ground: float) -> None:
+        """Add a road, its edges and the goal at its end to a scenario, at a height in m."""
+
+        def nodes(line: FloatArray) -> list[tuple[float, float, float]]:
+            return [(float(x), float(y), ground) for x, y in line]
+
+        package = self._package
+        # A road that is added earlier is drawn on top: the edges come first.
+        inset = road.lane_width - MARKING_WIDTH
+        for name, offset in (("left", inset), ("right", -inset)):
+            marking = package.Road(
+                _LINE,
+                rid=f"frenetic_{name}",
+                drivability=_NOT_FOR_AI,
+                default_width=MARKING_WIDTH,
+            )
+            marking.add_nodes(*nodes(road.sample(offset=offset)))
+            scenario.add_road(marking)
+        surface = package.Road(_SURFACE, rid=ROAD, default_width=2.0 * road.lane_width)
+        surface.add_nodes(*nodes(road.road_points))
+        scenario.add_road(surface)
+        goal = nodes(road.road_points[-1:])[0]
+        scenario.add_object(
+            package.ScenarioObject(
+                GOAL, GOAL, "BeamNGWaypoint", goal, (_GOAL_SIZE,) * 3, _NOT_TURNED
+            )
+        )
+
+    def _add_car(self, scenario: Any, vehicle: str, start: Pose, ground: float) -> Any:
+        """Add a car to a scenario, above the ground at a height in m; return the car."""
+        ego = self._package.Vehicle(EGO, model=vehicle)
+        ego.sensors.attach("electrics", beamngpy_module("sensors").Electrics())
+        # A quaternion (x, y, z, w): a car that is not turned faces -y.
+        half = 0.5 * math.atan2(-math.cos(start.heading), -math.sin(start.heading))
+        scenario.add_vehicle(
+            ego,
+            pos=(start.x, start.y, ground + DROP),
+            rot_quat=(0.0, 0.0, math.sin(half), math.cos(half)),
+            safe_spawn=False,
+        )
+        return ego
 
     def _connect(self, ego: Any) -> None:
-        """Connect to the car; BeamNGpy alone would wait for its first answer for ever."""
+        """Connect to the car, with a limit for its first answer, which BeamNGpy does not set."""
         port = int(self._bng.vehicles.start_connection(ego, ego.extensions)["result"])
-        ego.connection = _connection(self._bng.host, port, LOAD_LIMIT)
+        ego.connection = new_connection(self._bng.host, port, LOAD_LIMIT)
         ego.connect(self._bng)
 
     def unload(self) -> None:
-        """Remove the scene, if there is one."""
+        """Remove the scenario with road and car, if one is loaded."""
         scenario, self._scenario, self._ego = self._scenario, None, None
         camera, self._camera = self._camera, None
         if scenario is not None:
-            with _asking("leaving the road"):
+            with translated_errors("leaving the road"):
                 if camera is not None:
                     camera.remove()
                 self._bng.scenario.stop()
                 scenario.delete(self._bng)
 
     def step(self, seconds: float) -> None:
-        """Advances time."""
-        with _asking("driving"):
+        """Advance the simulated time, in s."""
+        with translated_errors("driving"):
             self._bng.control.step(round(seconds * STEPS_PER_SECOND))
 
     # The car
 
     def state(self) -> CarState:
-        """State of the car at this moment."""
-        with _asking("asking for the car's state"):
+        """Return the state of the car at this moment."""
+        with translated_errors("asking for the car's state"):
             self._ego.sensors.poll("state", "electrics")
             state, electrics = self._ego.sensors["state"], self._ego.sensors["electrics"]
             return CarState(
@@ -358,38 +328,38 @@ class Link:
             )
 
     def box(self) -> FloatArray:
-        """Corners of the car's box, (8, 3) in m: front, then rear; left and right in turn."""
-        with _asking("asking for the car's box"):
+        """Return the corners of the car's box, (8, 3) in m, in the order of `_CORNERS`."""
+        with translated_errors("asking for the car's box"):
             corners = self._ego.get_bbox()
             return np.array([corners[name] for name in _CORNERS], dtype=float)
 
     def control(self, steering: float, throttle: float, brake: float, parking: float = 0.0) -> None:
-        """Steer, -1..1, and moves the pedals and the parking brake, 0..1.
+        """Set the steering input, -1..1, and the pedals and the parking brake, 0..1.
 
-        Steering passes by the filter of BeamNG.tech's Control message, which smooths as for a
-        gamepad, the more the faster the car is.
+        The steering input is a command of its own, because BeamNG.tech's Control message would
+        smooth it as a gamepad's, the more the faster the car is.
         """
-        with _asking("steering the car"):
-            event = f"input.event('steering', {float(steering)!r}, {_DIRECT})"
+        with translated_errors("steering the car"):
+            event = f"input.event('steering', {float(steering)!r}, {_WHEEL_FILTER})"
             self._ego.queue_lua_command(event)
             self._ego.control(
                 throttle=float(throttle), brake=float(brake), parkingbrake=float(parking)
             )
 
-    # Its camera
+    # The camera and BeamNG.AI
 
     def open_camera(self, camera: Camera, ahead: float, left: float, up: float) -> None:
         """Put a camera on the car.
 
         Args:
             camera: the camera; its lens has no distortion here.
-            ahead, left, up: m from the car's position.
+            ahead, left, up: position of the camera relative to the car's reference node, in m.
         """
         pitch = math.radians(camera.pitch)
         c, s = math.cos(pitch), math.sin(pitch)
-        with _asking("putting a camera on the car"):
-            # In the car's own frame its nose points to -y and x to the left.
-            self._camera = _module("sensors").Camera(
+        with translated_errors("putting a camera on the car"):
+            # In the car's frame -y points ahead, x to the left and z upwards.
+            self._camera = beamngpy_module("sensors").Camera(
                 CAMERA,
                 self._bng,
                 self._ego,
@@ -399,14 +369,14 @@ class Link:
                 up=(0.0, -s, c),
                 resolution=(camera.width, camera.height),
                 field_of_view_y=camera.vertical_field_of_view,
-                near_far_planes=_SEEN,
+                near_far_planes=_CAMERA_RANGE,
                 is_render_annotations=False,
                 is_render_depth=False,
             )
 
     def picture(self) -> Image:
         """Return what the camera sees now, (height, width, 3)."""
-        with _asking("asking for the camera's picture"):
+        with translated_errors("asking for the camera's picture"):
             colours = self._camera.poll().get("colour")
         if colours is None:
             raise BeamngError(
@@ -418,70 +388,14 @@ class Link:
     def let_ai_drive(self, speed: float, aggression: float) -> None:
         """Let BeamNG.AI drive to the road's end in its lane, with a speed limit in m/s."""
         ai = self._ego.ai
-        with _asking("calling BeamNG.AI"):
-            self.control(0.0, 0.0, 0.0)
+        with translated_errors("calling BeamNG.AI"):
+            self.control(steering=0.0, throttle=0.0, brake=0.0)
             self.limit_ai(speed)
             ai.set_aggression(float(aggression))
-            ai.drive_in_lane(True)  # before the waypoint, at which the route is planned
+            ai.drive_in_lane(True)  # before the waypoint: setting that plans the route
             ai.set_waypoint(GOAL)
 
     def limit_ai(self, speed: float) -> None:
         """Set BeamNG.AI's speed limit in m/s."""
-        with _asking("calling BeamNG.AI"):
+        with translated_errors("calling BeamNG.AI"):
             self._ego.ai.set_speed(float(speed), mode="limit")
-
-
-@contextmanager
-def _asking(subject: str) -> Iterator[None]:
-    """Turn every trouble with BeamNG.tech into an error that names the activity."""
-    from beamngpy.logging import BNGDisconnectedError, BNGError, BNGValueError  # an extra
-
-    try:
-        yield
-    except BeamngError:
-        raise
-    except TimeoutError as error:
-        raise BeamngError(f"BeamNG.tech did not answer in time, {subject}") from error
-    except (BNGDisconnectedError, OSError) as error:
-        raise BeamngError(
-            f"the connection to BeamNG.tech was lost, {subject}: {describe_error(error)}"
-        ) from error
-    except (BNGError, BNGValueError) as error:
-        text = " ".join(str(error).split())
-        if "protocol versions" in text:
-            text += (
-                "; install the version of beamngpy that belongs to this BeamNG.tech: 1.36 to 0.39,"
-                " a newer one to a newer one"
-            )
-        raise BeamngError(f"BeamNG.tech reported an error, {subject}: {text}") from error
-    except (AssertionError, AttributeError, ImportError, LookupError, TypeError, ValueError) as odd:
-        raise BeamngError(
-            f"BeamNG.tech or beamngpy {version('beamngpy')} is not as Frenetic knows it, {subject}:"
-            f" {describe_error(odd)}; Frenetic is tested with beamngpy 1.36, which belongs to"
-            " BeamNG.tech 0.39"
-        ) from odd
-
-
-def _module(name: str) -> Any:
-    return importlib.import_module(f"beamngpy.{name}")
-
-
-def _connection(host: str, port: int, limit: float) -> Any:
-    """An unopened connection, whose answers may take as long as the limit in s.
-
-    A lost or silent connection is an error at once. BeamNGpy would connect again and wait for the
-    answer to a message that it never sent there.
-    """
-    connection = _module("connection").Connection(host, port, timeout=_CONNECT_LIMIT)
-    greet = connection.hello
-
-    def refuse() -> None:
-        raise sys.exception() or ConnectionError("it is lost")
-
-    def hello() -> None:
-        connection.skt.skt.settimeout(limit)
-        connection.skt.reconnect = refuse
-        greet()
-
-    connection.hello = hello
-    return connection

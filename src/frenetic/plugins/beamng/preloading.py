@@ -1,8 +1,8 @@
-"""Imported for its effect: loads BeamNGpy, which takes seconds, into the server of processes."""
+"""Importing this module loads BeamNGpy, which takes seconds, before worker processes are forked."""
 
 from contextlib import suppress
 
-from frenetic.plugins.beamng.link import beamngpy
+from frenetic.plugins.beamng.package import beamngpy
 
-with suppress(Exception):  # the process that uses it says what is wrong
+with suppress(Exception):  # a process that uses BeamNGpy raises the error again
     beamngpy()
