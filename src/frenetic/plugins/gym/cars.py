@@ -1,10 +1,10 @@
-"""Cars that are stepped together: observe, decide, move, judge, for all of them in one kernel.
+"""Cars in the embedded simulator that one kernel steps together: decide, move, observe, judge.
 
-The kernel calls what the embedded simulator's rollout calls, in the same order, so an episode is
-the drive that the same policy gives there, bit for bit.
+The kernel calls the same kernels as the embedded simulator's rollout, in the same order. So an
+episode is, bit for bit, the drive that the same policy has in the embedded simulator.
 
-The reward of a step is the progress along the road, as a share of what the speed limit allows and
-at most 1, less the share of the car that is outside its lane, less `FAILURE` if the drive fails.
+The reward of a step is the progress along the road over the progress at the speed limit, at most 1,
+minus the share of the car that is outside its lane, minus `FAILURE` if the drive fails.
 """
 
 from __future__ import annotations
@@ -39,16 +39,22 @@ from frenetic.simulators.embedded.rollout import (
 from frenetic.simulators.embedded.single_track import HEADING, SPEED, STATE_SIZE, STEERING, YAW_RATE
 from frenetic.simulators.observer import in_metres_per_second, limit_at, observe
 
-Seen: TypeAlias = npt.NDArray[np.float32] | dict[str, npt.NDArray[Any]]
-"""A vector, or with a camera a ``vector`` and an ``image``; or a batch of them."""
+CarObservation: TypeAlias = npt.NDArray[np.float32] | dict[str, npt.NDArray[Any]]
+"""Observation of a car or of several: a vector; with a camera a ``vector`` and an ``image``."""
 
 FAILURE: Final = 10.0
-"""Reward that a failing drive costs: about what half a second at the speed limit brings."""
+"""Reward that a failing drive loses: about as much as it gets in half a second at the speed limit;
+our choice."""
 WAIT, START, STEP = range(3)
-"""Task of a car in a call of the kernel."""
+"""Tasks of a car in a call of the kernel: do nothing, begin a drive, or drive for a period."""
 
 _COLUMNS: Final = len(Trajectory.names())
-_FIRST_ROOM: Final = 256  # records
+_FIRST_CAPACITY: Final = 256
+"""Number of records for which memory is taken at first; our choice."""
+_RULE_NUMBERS: Final = 5
+"""Size of `frenetic.oracle.assessment.rules_array`."""
+_SETUP_NUMBERS: Final = 9
+"""Size of `frenetic.drivers.laws.setup_array`."""
 
 
 @njit()
@@ -73,27 +79,29 @@ def step_cars(
     rewards: FloatArray,
     vectors: npt.NDArray[np.float32],
 ) -> None:
-    """Start cars or move them on by one period; the later arguments are written to.
+    """Let each of n cars wait, start or drive for a period.
+
+    The arguments from ``states`` on are changed.
 
     Args:
         tasks: (n,) WAIT, START or STEP.
-        actions: (n, 2) see `frenetic.plugins.vision.policy.controls_of`.
-        tables: (n, m, 7) the roads, see `frenetic.road.geometry`.
-        slopes: (n, m, 2) theirs, see `Road.slopes`.
-        rows: (n, 2) rows of each road's table and slopes.
-        roads: (n, 2) sub-step and lane width of each road in m.
-        rules: (n, 5) see `frenetic.oracle.assessment.rules_array`.
-        setups: (n, 9) see `frenetic.drivers.laws.setup_array`.
-        limits: (n, m, 2) m and m/s, the speed limits, each from its station on.
+        actions: (n, 2) actions, see `frenetic.plugins.vision.policy.controls_of`.
+        tables: (n, m, 7) tables of the roads, see `frenetic.road.geometry`.
+        slopes: (n, m, 2) slopes of the roads, see `Road.slopes`.
+        rows: (n, 2) numbers of rows of each road's table and slopes.
+        roads: (n, 2) sub-step and lane width of each road, in m.
+        rules: (n, 5) rules, see `frenetic.oracle.assessment.rules_array`.
+        setups: (n, 9) setups, see `frenetic.drivers.laws.setup_array`.
+        limits: (n, m, 2) station in m, and the speed limit from there on in m/s.
         car, vehicle: see `rollout`.
-        start: (2,) m and rad, see `start_state`.
-        states: (n, 7).
-        records: (n, 11, r), room for the columns of trajectories.
-        steps: (n,) control periods driven.
+        start: (2,) offset in m and angle in rad of the start, see `start_state`.
+        states: (n, 7) states of the cars.
+        records: (n, 11, r) columns of the trajectories, which are filled.
+        steps: (n,) numbers of control periods driven.
         ends: (n,) RUNNING, or how the drive ended.
         places: (n, 2) distance along the road and least oob distance so far, in m.
-        rewards: (n,).
-        vectors: (n, 26) see `frenetic.plugins.vision.policy.write_vector`.
+        rewards: (n,) rewards of the step.
+        vectors: (n, 26) observations, see `frenetic.plugins.vision.policy.write_vector`.
     """
     ahead = np.empty((AHEAD_POINTS, 2))
     curvature_ahead = np.empty(AHEAD_POINTS)
@@ -162,12 +170,15 @@ def step_cars(
 
 
 class Cars:
-    """Cars in the embedded simulator, each with a road and a drive of its own.
+    """Cars in the embedded simulator, each on a road of its own.
 
     Args:
         count: number of cars.
-        simulator: its rules, car, friction and starting place hold for all of them.
-        camera: of every car, if they have one.
+        simulator: simulator whose rules, vehicle, friction and start hold for all cars.
+        camera: camera of every car; None for cars without a camera.
+
+    Raises:
+        FreneticError: the camera is no `Camera`.
     """
 
     def __init__(
@@ -189,43 +200,45 @@ class Cars:
         self._car = simulator.car.to_array()
         self._vehicle = simulator.vehicle.to_array()
         self._start = np.array([simulator.start_offset, simulator.start_heading])
-        self._on: list[Road | None] = [None] * count
+        # Arrays of the kernel, see `step_cars`; the tables and slopes grow with longer roads.
+        self._driven_roads: list[Road | None] = [None] * count
         self._tables = np.empty((count, 0, WIDENING + 1))
-        self._tables_seen = _read_only(self._tables)
+        self._tables_view = _read_only(self._tables)
         self._slopes = np.empty((count, 0, 2))
-        self._slopes_seen = _read_only(self._slopes)
+        self._slopes_view = _read_only(self._slopes)
         self._rows = np.zeros((count, 2), np.int64)
         self._roads = np.empty((count, 2))
-        self._rules = np.empty((count, 5))
-        self._setups = np.empty((count, 9))
+        self._rules = np.empty((count, _RULE_NUMBERS))
+        self._setups = np.empty((count, _SETUP_NUMBERS))
         self._limits = np.full((count, 1, 2), np.inf)
         self._states = np.empty((count, STATE_SIZE))
-        self._records = np.empty((count, _COLUMNS, _FIRST_ROOM))
-        self._steps_left = 0  # at least as many fit into the records
+        self._records = np.empty((count, _COLUMNS, _FIRST_CAPACITY))
+        self._steps_left = 0  # number of steps for which the records surely have room
         self._places = np.zeros((count, 2))
         self.steps = np.zeros(count, np.int64)
-        """Control periods driven, (n,)."""
+        """Numbers of control periods driven, (n,)."""
         self.ends = np.full(count, REACHED, np.int64)
-        """State of each drive, (n,), see `frenetic.oracle.assessment`; at first, all have ended."""
+        """RUNNING, or how each drive ended, (n,), see `frenetic.oracle.assessment`; at first, none
+        runs."""
         self.rewards = np.zeros(count)
         """Rewards of the last step, (n,)."""
         self.vectors = np.zeros((count, VECTOR_SIZE), np.float32)
         """Observations, (n, 26)."""
 
     def place(self, k: int, road: Road) -> None:
-        """Give car ``k`` a road, on which it has to be started.
+        """Give car ``k`` a road; the next task of the car has to be START.
 
         Raises:
-            RoadError: it leans or rises, and the car has a camera.
+            RoadError: the road leans, rises or widens, and the car has a camera.
         """
         if self._camera is not None:
             check_drawn(road)
         if self._tables.shape[1] < len(road.table):
-            self._tables = _longer(self._tables, 1, len(road.table))
-            self._tables_seen = _read_only(self._tables)
+            self._tables = _longer(self._tables, axis=1, needed=len(road.table))
+            self._tables_view = _read_only(self._tables)
         if self._slopes.shape[1] < len(road.slopes):
-            self._slopes = _longer(self._slopes, 1, len(road.slopes))
-            self._slopes_seen = _read_only(self._slopes)
+            self._slopes = _longer(self._slopes, axis=1, needed=len(road.slopes))
+            self._slopes_view = _read_only(self._slopes)
         self._tables[k, : len(road.table), WIDENING] = 0.0
         self._tables[k, : len(road.table), : road.table.shape[1]] = road.table
         self._slopes[k, : len(road.slopes)] = road.slopes
@@ -235,27 +248,28 @@ class Cars:
         self._setups[k] = setup_array(self.simulator.setup(road))
         limits = in_metres_per_second(self.simulator.rules.speed_limits_on(road))
         if self._limits.shape[1] < len(limits):
-            narrower = self._limits
-            self._limits = np.full((len(narrower), len(limits), 2), np.inf)
-            self._limits[:, : narrower.shape[1]] = narrower
-        self._limits[k] = np.inf  # stations that no car reaches
+            old_limits = self._limits
+            self._limits = np.full((len(old_limits), len(limits), 2), np.inf)
+            self._limits[:, : old_limits.shape[1]] = old_limits
+        self._limits[k] = np.inf  # unused rows have stations that no car reaches
         self._limits[k, : len(limits)] = limits
-        self._on[k], self._renderers[k] = road, None
+        self._driven_roads[k], self._renderers[k] = road, None
 
-    def observation(self, k: int) -> Seen:
-        """Return what car ``k`` sees."""
+    def observation(self, k: int) -> CarObservation:
+        """Return the observation of car ``k``."""
         vector = self.vectors[k].copy()
         return vector if self._camera is None else {"vector": vector, "image": self._image(k)}
 
-    def observations(self) -> Seen:
-        """Return what all cars see."""
+    def observations(self) -> CarObservation:
+        """Return the observations of all cars."""
         vectors = self.vectors.copy()
         if self._camera is None:
             return vectors
         return {"vector": vectors, "image": np.stack([self._image(k) for k in range(len(vectors))])}
 
     def _image(self, k: int) -> npt.NDArray[np.uint8]:
-        road = self._on[k]
+        """Return the picture of car ``k``'s camera."""
+        road = self._driven_roads[k]
         assert road is not None
         assert self._camera is not None
         renderer = self._renderers[k]
@@ -265,23 +279,23 @@ class Cars:
         return renderer.draw(x, y, heading)
 
     def step(self, tasks: npt.NDArray[np.int64], actions: FloatArray) -> None:
-        """Start cars or move them on by one period.
+        """Let each car wait, start or drive for a period.
 
         Args:
-            tasks: (n,) WAIT, START or STEP; a car steps only while its drive is RUNNING.
-            actions: (n, 2) in -1..1; of those that step, finite.
+            tasks: (n,) WAIT, START or STEP; STEP only while the drive is RUNNING.
+            actions: (n, 2) actions, -1..1; finite for the cars with STEP.
         """
         if self._steps_left < 1:
-            needed = int(self.steps.max()) + 2
+            needed = int(self.steps.max()) + 2  # the records so far, and the one of this step
             if needed > self._records.shape[2]:
-                self._records = _longer(self._records, 2, needed)
+                self._records = _longer(self._records, axis=2, needed=needed)
             self._steps_left = self._records.shape[2] - needed + 1
         self._steps_left -= 1
         step_cars(
             tasks,
             actions,
-            self._tables_seen,
-            self._slopes_seen,
+            self._tables_view,
+            self._slopes_view,
             self._rows,
             self._roads,
             self._rules,
@@ -301,12 +315,12 @@ class Cars:
 
     @property
     def timed_out(self) -> npt.NDArray[np.bool_]:
-        """Cars that took too long, (n,)."""
+        """Whether each car took too long, (n,)."""
         timed_out: npt.NDArray[np.bool_] = self.ends == TIMED_OUT
         return timed_out
 
     def info(self, k: int) -> dict[str, Any]:
-        """Information on the drive of car ``k``; nothing unless it has ended by the rules."""
+        """Return outcome, MOOBD and distance of car ``k``'s drive; empty while it is running."""
         if self.ends[k] == RUNNING:
             return {}
         distance, moobd = self._places[k]
@@ -314,21 +328,21 @@ class Cars:
         return {"outcome": str(outcome), "moobd": float(moobd), "distance": float(distance)}
 
     def road(self, k: int) -> Road | None:
-        """Return the road of car ``k``; None before the first one."""
-        return self._on[k]
+        """Return the road of car ``k``; None before it was given one."""
+        return self._driven_roads[k]
 
     def drive(self, k: int) -> Drive:
         """Return the drive of car ``k`` so far."""
-        written = self.steps[k] + 1 if self._on[k] is not None else 0
-        columns = self._records[k, :, :written]
+        count = self.steps[k] + 1 if self._driven_roads[k] is not None else 0
+        columns = self._records[k, :, :count]
         return Drive(Trajectory(*columns), self.simulator.car, self.simulator.rules)
 
 
 def checked_actions(actions: npt.ArrayLike, count: int) -> FloatArray:
-    """Actions of ``count`` cars for `Cars.step`.
+    """Return the actions of ``count`` cars as an array for `Cars.step`.
 
     Raises:
-        ValueError: they are not (count, 2) finite numbers.
+        ValueError: the actions are not (count, 2) finite numbers.
     """
     checked = np.asarray(actions, dtype=np.float64)
     if checked.shape != (count, ACTION_SIZE):
@@ -344,7 +358,7 @@ def checked_actions(actions: npt.ArrayLike, count: int) -> FloatArray:
 
 
 def _longer(array: FloatArray, axis: int, needed: int) -> FloatArray:
-    """A copy whose ``axis`` has room for ``needed``, and some more."""
+    """Return a copy that is longer along an axis: at least ``needed``, or half as long again."""
     shape = list(array.shape)
     shape[axis] = max(needed, 3 * shape[axis] // 2)
     longer = np.empty(shape)
@@ -353,7 +367,7 @@ def _longer(array: FloatArray, axis: int, needed: int) -> FloatArray:
 
 
 def _read_only(array: FloatArray) -> FloatArray:
-    """A view as a road's table is, for which the simulator's kernels are compiled."""
+    """Return a read-only view: kernels are compiled for read-only tables, as a `Road` has them."""
     view = array.view()
     view.setflags(write=False)
     return view

@@ -1,4 +1,4 @@
-"""The environments: of one car, and of many that are stepped in one compiled call; their roads."""
+"""Environments of one car and of many cars, which one compiled call steps; and their roads."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from frenetic.drivers import Camera
 from frenetic.errors import FreneticError
 from frenetic.oracle.assessment import RUNNING
 from frenetic.oracle.outcome import Outcome
-from frenetic.plugins.gym.cars import START, STEP, WAIT, Cars, Seen, checked_actions
+from frenetic.plugins.gym.cars import START, STEP, WAIT, CarObservation, Cars, checked_actions
 from frenetic.road import MAP_SIZE, Road
 from frenetic.road.folders import find_roads
 from frenetic.search.random_roads import RandomRoads
@@ -31,7 +31,7 @@ Vector = npt.NDArray[np.float32]
 Flags = npt.NDArray[np.bool_]
 
 
-class LaneKeepingEnv(gymnasium.Env[Seen, Vector]):
+class LaneKeepingEnv(gymnasium.Env[CarObservation, Vector]):
     """One car that is to keep its lane, on another road in every episode.
 
     `frenetic.plugins.vision.policy` describes the observation, (26,) float32 in -1..1, and the
@@ -43,17 +43,17 @@ class LaneKeepingEnv(gymnasium.Env[Seen, Vector]):
     has the ``outcome`` (PASS or FAIL), the ``moobd`` and the ``distance`` along the road in m.
 
     Args:
-        roads: roads to draw from, see `RoadSource`; random ones by default. The
-            seed decides. ``reset(options={"road": road})`` takes this `Road` for one episode.
-        map_size: m, side of the map of random roads.
-        camera: if given, an observation is a dictionary of the ``vector`` and the camera's
-            ``image``, (height, width, 3) uint8.
-        render_mode: None; the environment draws nothing, see `drive`.
-        simulator: further options of `EmbeddedSimulator`, such as ``friction``.
+        roads: Roads to draw from, see `RoadSource`; random roads by default. The seed decides which
+            road is drawn. ``reset(options={"road": road})`` takes a certain `Road` for an episode.
+        map_size: Side of the map of random roads, in m.
+        camera: Camera on the car. With it, an observation is a dictionary of the ``vector`` and the
+            camera's ``image``, (height, width, 3) uint8.
+        render_mode: None: the environment draws nothing, see `drive`.
+        simulator: Further options of `EmbeddedSimulator`, such as ``friction``.
 
     Raises:
-        FreneticError: a file or folder of ``roads`` holds no road.
-        ValueError: an option is out of range.
+        FreneticError: A file or folder of ``roads`` holds no road.
+        ValueError: An option is out of range.
     """
 
     def __init__(
@@ -73,70 +73,68 @@ class LaneKeepingEnv(gymnasium.Env[Seen, Vector]):
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
-    ) -> tuple[Seen, dict[str, Any]]:
+    ) -> tuple[CarObservation, dict[str, Any]]:
         """Put the car at rest on the lane of another road.
 
         Args:
-            seed: of this episode's road and the next ones.
-            options: ``road``, a `Road` for this episode in place of a drawn one.
+            seed: Seed of the road of this episode and of the next ones; None continues with the
+                last seed.
+            options: ``road``: a `Road` for this episode instead of a drawn one.
 
         Raises:
-            FreneticError: ``road`` is none.
+            FreneticError: ``road`` is no `Road`.
         """
-        road = _given_road(options)
+        road = _road_option(options)
         super().reset(seed=seed)
         self._cars.place(0, self._source.draw(self.np_random) if road is None else road)
         self._cars.step(_START, _NO_ACTION)
         return self._cars.observation(0), {}
 
-    def step(self, action: Vector) -> tuple[Seen, float, bool, bool, dict[str, Any]]:
-        """Drives on for a control period.
+    def step(self, action: Vector) -> tuple[CarObservation, float, bool, bool, dict[str, Any]]:
+        """Drive for a control period.
 
         Raises:
-            ResetNeeded: the episode has ended.
-            ValueError: the action is not two finite numbers.
+            ResetNeeded: The episode has ended.
+            ValueError: The action is not two finite numbers.
         """
         cars = self._cars
         if cars.ends[0] != RUNNING:
             raise gymnasium.error.ResetNeeded("the episode has ended: call reset() first")
         cars.step(_STEP, checked_actions(np.expand_dims(action, 0), 1))
-        is_over, truncated = bool(cars.ends[0] != RUNNING), bool(cars.timed_out[0])
-        return (
-            cars.observation(0),
-            float(cars.rewards[0]),
-            is_over and not truncated,
-            truncated,
-            cars.info(0),
-        )
+        truncated = bool(cars.timed_out[0])
+        terminated = bool(cars.ends[0] != RUNNING) and not truncated
+        reward = float(cars.rewards[0])
+        return cars.observation(0), reward, terminated, truncated, cars.info(0)
 
     @property
     def road(self) -> Road | None:
-        """The road of this episode; None before the first one."""
+        """Road of this episode; None before the first episode."""
         return self._cars.road(0)
 
     def drive(self) -> Drive:
-        """The episode so far as a `Drive`, for `frenetic.judge` and `frenetic.draw_drive`."""
+        """Return the episode so far, for `frenetic.judge` and `frenetic.draw_drive`."""
         return self._cars.drive(0)
 
 
+# Tasks and actions of a single car
 _START, _STEP = np.array([START]), np.array([STEP])
 _NO_ACTION = np.zeros((1, 2))
 
 
-class LaneKeepingVectorEnv(VectorEnv[Seen, Vector, npt.NDArray[Any]]):
+class LaneKeepingVectorEnv(VectorEnv[CarObservation, Vector, npt.NDArray[Any]]):
     """Many cars, each on a road of its own: `LaneKeepingEnv`, stepped in one compiled call.
 
     With the same seed, its episodes equal, bit for bit, the episodes of
     `gymnasium.vector.SyncVectorEnv` over as many `LaneKeepingEnv`.
 
     Args:
-        num_envs: number of cars.
+        num_envs: Number of cars.
         autoreset_mode: `gymnasium.vector.AutoresetMode` or its value: ``NextStep`` or ``SameStep``.
         roads, map_size, camera, render_mode, simulator: see `LaneKeepingEnv`.
 
     Raises:
-        FreneticError: a file or folder of ``roads`` holds no road.
-        ValueError: an option is out of range.
+        FreneticError: A file or folder of ``roads`` holds no road.
+        ValueError: An option is out of range.
     """
 
     def __init__(
@@ -171,18 +169,19 @@ class LaneKeepingVectorEnv(VectorEnv[Seen, Vector, npt.NDArray[Any]]):
         *,
         seed: int | Sequence[int | None] | None = None,
         options: dict[str, Any] | None = None,
-    ) -> tuple[Seen, dict[str, Any]]:
+    ) -> tuple[CarObservation, dict[str, Any]]:
         """Put the cars at rest on other roads.
 
         Args:
-            seed: of the first car, the next one for each other; or one for each car.
-            options: ``road``, a `Road` for this episode of each of them in place of drawn ones.
+            seed: Seed of the first car, from which each further car's seed is one more, or the
+                seeds of all cars.
+            options: ``road``: a `Road` for this episode of all cars instead of drawn ones.
 
         Raises:
-            FreneticError: ``road`` is none.
-            ValueError: the seeds are not one for each car.
+            FreneticError: ``road`` is no `Road`.
+            ValueError: There is not one seed for each car.
         """
-        road = _given_road(options)
+        road = _road_option(options)
         super().reset(seed=seed if isinstance(seed, int) else None)
         for k, own_seed in enumerate(self._seeds(seed)):
             if own_seed is not None:
@@ -192,15 +191,17 @@ class LaneKeepingVectorEnv(VectorEnv[Seen, Vector, npt.NDArray[Any]]):
 
     def step(
         self, actions: Vector
-    ) -> tuple[Seen, npt.NDArray[Any], npt.NDArray[Any], npt.NDArray[Any], dict[str, Any]]:
-        """Drives on for a control period; cars whose episode has ended are reset as the mode says.
+    ) -> tuple[
+        CarObservation, npt.NDArray[Any], npt.NDArray[Any], npt.NDArray[Any], dict[str, Any]
+    ]:
+        """Drive for a control period; reset cars whose episode ended, as `autoreset_mode` says.
 
         Raises:
-            ResetNeeded: no episode has begun.
-            ValueError: the actions are not (num_envs, 2) finite numbers.
+            ResetNeeded: No episode has begun.
+            ValueError: The actions are not (num_envs, 2) finite numbers.
         """
         checked = checked_actions(actions, self.num_envs)
-        resets = self._has_ended
+        resets = self._has_ended  # with NextStep, cars whose last step ended their episode
         if self._cars.road(0) is None:
             raise gymnasium.error.ResetNeeded("no episode has begun: call reset() first")
         self._place(resets)
@@ -211,7 +212,7 @@ class LaneKeepingVectorEnv(VectorEnv[Seen, Vector, npt.NDArray[Any]]):
         terminated = self._has_ended & ~truncated
         rewards = cars.rewards.copy()
         infos: dict[str, Any] = {}
-        ended = _numbers(self._has_ended)
+        ended = _indices(self._has_ended)
         is_same_step = self.autoreset_mode is AutoresetMode.SAME_STEP
         for k in ended:
             info = cars.info(k)
@@ -223,7 +224,7 @@ class LaneKeepingVectorEnv(VectorEnv[Seen, Vector, npt.NDArray[Any]]):
         return cars.observations(), rewards, terminated, truncated, infos
 
     def road(self, k: int) -> Road | None:
-        """Return the road of car ``k``; None before the first one."""
+        """Return the road of car ``k``; None before its first episode."""
         return self._cars.road(k)
 
     def drive(self, k: int) -> Drive:
@@ -231,6 +232,11 @@ class LaneKeepingVectorEnv(VectorEnv[Seen, Vector, npt.NDArray[Any]]):
         return self._cars.drive(k)
 
     def _seeds(self, seed: int | Sequence[int | None] | None) -> Sequence[int | None]:
+        """Return the seed of each car, None for one that continues with its last seed.
+
+        Raises:
+            ValueError: There is not one seed for each car.
+        """
         if seed is None:
             return [None] * self.num_envs
         if isinstance(seed, int):
@@ -240,14 +246,14 @@ class LaneKeepingVectorEnv(VectorEnv[Seen, Vector, npt.NDArray[Any]]):
         return seed
 
     def _start(self, mask: Flags, road: Road | None = None) -> None:
-        """Put some cars at rest on other roads, or all on a given one."""
+        """Put the cars of a mask at rest on drawn roads, or all on one road."""
         self._place(mask, road)
         self._cars.step(np.where(mask, START, WAIT), np.zeros((self.num_envs, 2)))
         self._has_ended = self._has_ended & ~mask
 
     def _place(self, mask: Flags, road: Road | None = None) -> None:
-        """Draw roads for some cars, or place them on a given one."""
-        for k in _numbers(mask):
+        """Give the cars of a mask drawn roads, or all one road."""
+        for k in _indices(mask):
             if road is not None:
                 self._cars.place(k, road)
                 continue
@@ -257,34 +263,38 @@ class LaneKeepingVectorEnv(VectorEnv[Seen, Vector, npt.NDArray[Any]]):
             self._cars.place(k, self._source.draw(generator))
 
 
-def _given_road(options: Mapping[str, Any] | None) -> Road | None:
-    """Return the road among the options of a reset; None without one."""
+def _road_option(options: Mapping[str, Any] | None) -> Road | None:
+    """Return the option ``road`` of a reset; None without it.
+
+    Raises:
+        FreneticError: The option is no `Road`.
+    """
     road = (options or {}).get("road")
     if road is not None and not isinstance(road, Road):
         raise FreneticError(f"options['road'] is {road!r}: a frenetic.Road is needed")
     return road
 
 
-def _numbers(mask: Flags) -> list[int]:
-    """Return the cars that a mask (n,) names."""
-    numbers: list[int] = mask.nonzero()[0].tolist()
-    return numbers
+def _indices(mask: Flags) -> list[int]:
+    """Return the indices of the cars for which a mask (n,) is True."""
+    indices: list[int] = mask.nonzero()[0].tolist()
+    return indices
 
 
 # Roads
 
 
 class RoadSource:
-    """Gives a road for every drive.
+    """Source of the roads of an environment's episodes.
 
     Args:
-        given: roads to draw from, each of them a `Road`, a road file, a folder of road files, or a
-            campaign's folder, which stands for the roads that failed there. None: random roads, as
-            the strategy `random` proposes them, fitted into the map and valid.
-        map_size: m, side of the map of random roads.
+        roads: Roads to draw from. An entry is a `Road`, a road file, a folder of road files, or a
+            campaign's folder, which stands for the roads that failed there. None for random roads,
+            as the strategy `random` proposes them, fitted into the map and valid.
+        map_size: Side of the map of random roads, in m.
 
     Raises:
-        FreneticError: a file or folder holds no road, or the list is empty.
+        FreneticError: A file or folder holds no road, or the list is empty.
         ValueError: `map_size` is out of range.
     """
 
@@ -292,14 +302,15 @@ class RoadSource:
         self, roads: Sequence[Road | Path | str] | None, map_size: float = MAP_SIZE
     ) -> None:
         self._roads = None if roads is None else roads_of(roads)
-        # Refused roads are drawn again here, where they are placed anyway.
+        # `RandomRoads.valid` places each road and draws again if it is refused, so the draw itself
+        # need not check it.
         self._random = RandomRoads(map_size=map_size, max_redraws=0)
 
     def draw(self, rng: np.random.Generator) -> Road:
-        """A road.
+        """Return a road, drawn with a generator.
 
         Raises:
-            ValueError: no road fits the map.
+            ValueError: No random road fits the map.
         """
         if self._roads is not None:
             return self._roads[int(rng.integers(len(self._roads)))]
@@ -307,17 +318,20 @@ class RoadSource:
 
 
 def roads_of(sources: Sequence[Road | Path | str]) -> list[Road]:
-    """Return the roads of a list, see `RoadSource`, in its order.
+    """Return the roads that the entries of a list stand for, in the list's order.
+
+    Args:
+        sources: Roads, files and folders, see `RoadSource`.
 
     Raises:
-        FreneticError: a file or folder holds no road, or the list is empty.
+        FreneticError: A file or folder holds no road, or the list is empty.
     """
     roads: list[Road] = []
     for source in require_list("roads", sources, "roads"):
         if isinstance(source, Road):
             roads.append(source)
         elif (Path(source) / DATABASE).exists():
-            roads += _failed(Path(source))
+            roads += _failed_roads(Path(source))
         else:
             roads += find_roads([Path(source)]).roads.values()
     if not roads:
@@ -325,8 +339,12 @@ def roads_of(sources: Sequence[Road | Path | str]) -> list[Road]:
     return roads
 
 
-def _failed(folder: Path) -> list[Road]:
-    """Return the roads that failed in a campaign."""
+def _failed_roads(folder: Path) -> list[Road]:
+    """Return the roads that failed in a campaign.
+
+    Raises:
+        FreneticError: No road failed.
+    """
     with CampaignStore.open(folder) as store:
         roads = [test.road for test in store.tests(Outcome.FAIL)]
     if not roads:
