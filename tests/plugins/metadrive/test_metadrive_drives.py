@@ -32,8 +32,8 @@ from frenetic.oracle.verdict import judge
 from frenetic.plugins.metadrive import MetaDriveExpert, MetaDriveIdm, MetaDriveSimulator
 from frenetic.plugins.metadrive.car import Decision
 from frenetic.plugins.metadrive.expert import state_of
+from frenetic.plugins.metadrive.navigation import EGO_LANE, pieces_of
 from frenetic.plugins.metadrive.policies import make_policy
-from frenetic.plugins.metadrive.world import EGO_LANE, pieces_of
 from frenetic.road import Pose, Road
 from frenetic.simulators import EmbeddedSimulator, Rules, Vehicle
 from frenetic.testing import DriverContract

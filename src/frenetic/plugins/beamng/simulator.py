@@ -390,7 +390,8 @@ class BeamngSimulator:
         if state.speed >= _REST_SPEED or start_error > _MAX_START_ERROR:
             raise BeamngError(
                 f"{self.vehicle} stands {start_error:.2f} m from its place in level {self.level}"
-                f" and rolls at {state.speed:.1f} m/s: is the ground flat and {self.ground:g} m high?"
+                f" and rolls at {state.speed:.1f} m/s: is the ground flat and {self.ground:g} m"
+                " high?"
             )
         return state
 

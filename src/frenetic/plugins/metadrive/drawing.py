@@ -1,4 +1,4 @@
-"""What MetaDrive draws for a driver's camera, and whether it can here; imports nothing of it."""
+"""Check whether MetaDrive can draw here, and how large a region; imports nothing of MetaDrive."""
 
 from __future__ import annotations
 
@@ -15,12 +15,14 @@ from frenetic.errors import DriverError, FreneticError
 from frenetic.road import Road
 
 PACKAGE: Final = "metadrive"
+"""Name of MetaDrive's package."""
 REGIONS: Final = (256, 512, 1024, 2048)
-"""Sizes of the square around the road's start that MetaDrive can draw, in m; each takes four times
+"""Sides of the square around the road's start that MetaDrive can draw, in m. Each takes four times
 the memory and the time of the one before."""
-_LIMIT: Final = 300.0  # s for the trial
-# Opens what MetaDrive's camera draws into. Elsewhere than in this process: a graphics driver may
-# crash, and this process may fork.
+_TRIAL_LIMIT: Final = 300.0
+"""Time that the trial may take, in s; our choice."""
+# Opens a buffer like the one that MetaDrive's camera draws into. It runs in another process,
+# because a graphics driver may crash, and because a process that has loaded one should not fork.
 _TRIAL: Final = """
 from panda3d.core import FrameBufferProperties, Texture, loadPrcFileData
 loadPrcFileData("", "audio-library-name null\\nframebuffer-multisample 1\\nmultisamples 8")
@@ -38,16 +40,16 @@ raise SystemExit(scene is None)
 
 
 def check_drawing() -> None:
-    """Check whether MetaDrive has its assets and can open what its camera draws into.
+    """Check whether MetaDrive has its assets and can open a buffer for its camera.
 
-    Without MetaDrive it checks nothing.
+    If MetaDrive is not installed, nothing is checked.
 
     Raises:
-        DriverError: it cannot draw here.
+        DriverError: MetaDrive cannot draw here.
     """
     package = find_spec(PACKAGE)
     if package is None or package.origin is None:
-        return  # the simulator says so when it starts
+        return  # starting the simulator raises an error
     if not Path(package.origin).with_name("assets").joinpath("version.txt").is_file():
         raise DriverError(
             "MetaDrive draws with its assets only, and the driver has a camera: get them with"
@@ -63,13 +65,13 @@ def check_drawing() -> None:
 
 @functools.cache
 def _opens_buffers() -> bool:
-    """Return whether Panda3D opens a buffer as MetaDrive's camera needs it."""
+    """Return whether Panda3D can open a buffer of the kind that MetaDrive's camera needs."""
     try:
         trial = subprocess.run(  # noqa: S603 - our own code, no shell
             [sys.executable, "-P", "-c", _TRIAL],
             stdin=subprocess.DEVNULL,
             capture_output=True,
-            timeout=_LIMIT,
+            timeout=_TRIAL_LIMIT,
             check=False,
         )
     except (OSError, subprocess.TimeoutExpired):
@@ -78,10 +80,10 @@ def _opens_buffers() -> bool:
 
 
 def drawn_region(road: Road) -> int:
-    """Smallest of `REGIONS` with both lanes of the road in it.
+    """Return the smallest of `REGIONS` that includes both lanes of the road, in m.
 
     Raises:
-        FreneticError: the road is too long.
+        FreneticError: no region is large enough.
     """
     reach = float(np.abs(road.points - road.points[0]).max()) + 2.0 * road.lane_width
     for region in REGIONS:

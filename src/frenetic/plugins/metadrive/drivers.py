@@ -1,8 +1,9 @@
 """MetaDrive's own drivers as systems under test.
 
-In MetaDrive they look at its world instead of an `Observation`: `MetaDriveSimulator` recognises
-them and lets MetaDrive's policies act, see `policies` beside this module. Networks drive
-elsewhere, too: an `Observation` has all that they see on an empty road, see `expert`.
+In MetaDrive they look at MetaDrive's world instead of an `Observation`: `MetaDriveSimulator`
+recognises them and lets MetaDrive's policies act (`frenetic.plugins.metadrive.policies`). The
+drivers that are networks also drive in other simulators, because an `Observation` has all that they
+see on an empty road (`frenetic.plugins.metadrive.expert`).
 """
 
 from __future__ import annotations
@@ -34,18 +35,18 @@ from frenetic.simulators.simulator import Simulator
 
 
 class PolicySimulator:
-    """Base of a simulator that lets MetaDrive's policies act."""
+    """Base of a simulator that knows MetaDrive's drivers and lets MetaDrive's policies act."""
 
 
 class MetaDriveDriver:
-    """A policy that comes with MetaDrive; the subclasses are its options."""
+    """Base of MetaDrive's drivers, which can drive in MetaDrive only."""
 
     name: ClassVar[str]
     """Name in the registry."""
     BEHAVIOUR: ClassVar[int] = 1
-    """Raised when its controls change; campaigns record it."""
+    """Version of the driver's controls: to be increased when they change; campaigns record it."""
     BEHAVIOUR_PACKAGES: ClassVar[tuple[str, ...]] = ("metadrive-simulator",)
-    """Distributions whose versions belong to it."""
+    """Distributions on whose versions the controls depend, too."""
 
     def check_simulator(self, simulator: Simulator) -> None:
         """Refuse simulators that do not know MetaDrive's drivers.
@@ -57,7 +58,7 @@ class MetaDriveDriver:
             self._refuse()
 
     def reset(self, setup: DriveSetup) -> None:  # noqa: ARG002 - asked by a foreign simulator
-        """Refuse: see `act`.
+        """Refuse, as `act` does.
 
         Raises:
             DriverError: always.
@@ -73,6 +74,7 @@ class MetaDriveDriver:
         self._refuse()
 
     def _refuse(self) -> NoReturn:
+        """Raise the `DriverError` that says where the driver can drive."""
         raise DriverError(f"{self.name} drives in MetaDrive only: choose the simulator metadrive")
 
 
@@ -82,7 +84,8 @@ class MetaDriveIdm(MetaDriveDriver):
     It does not slow down for curves, so its target speed decides which roads it can take.
 
     Args:
-        target_speed: km/h; 30 is what MetaDrive's traffic keeps. The speed limit caps it.
+        target_speed: Target speed in km/h, as far as the speed limit allows it; MetaDrive's traffic
+            has 30.
     """
 
     name = "metadrive-idm"
@@ -93,38 +96,38 @@ class MetaDriveIdm(MetaDriveDriver):
 
     @property
     def options(self) -> dict[str, float]:
-        """Its options."""
+        """Options of the driver."""
         return {"target_speed": self.target_speed}
 
 
 class ObservingDriver(MetaDriveDriver, ABC):
-    """A driver that acts by MetaDrive's observation.
+    """Base of drivers that act by MetaDrive's observation.
 
-    In another simulator it steers the wheels by the same angle as MetaDrive's car and accelerates
-    like it, as far as that car can.
+    In another simulator such a driver asks the car for the steering angle and the acceleration that
+    MetaDrive's car would have.
     """
 
     period: ClassVar[float] = 0.1
-    """s: the time between two decisions in MetaDrive."""
+    """Time between two decisions in s, as in MetaDrive."""
 
     @abstractmethod
     def mean_action(self, state: FloatArray) -> tuple[float, float]:
-        """Steering to the left and throttle or brake, not cut to -1..1.
+        """Return steering, positive to the left, and throttle or brake, not cut to -1..1.
 
         Args:
-            state: (275,), as MetaDrive's `LidarStateObservation` has it.
+            state: (275,) observation, as MetaDrive's `LidarStateObservation` returns it.
         """
 
     def check_simulator(self, simulator: Simulator) -> None:
-        """Accept any."""
+        """Accept every simulator."""
 
     def reset(self, setup: DriveSetup) -> None:
         """Forget the last drive."""
         self._setup, self._action, self._heading = setup, (0.0, 0.0), math.nan
 
     def act(self, observation: Observation) -> Controls:
-        """Return the policy's action, as the controls of this car."""
-        turned = observation.heading - self._heading
+        """Return the mean action as controls of this car."""
+        turned = observation.heading - self._heading  # NaN at the first decision
         turned = 0.0 if math.isnan(turned) else turned
         state = state_of(observation, self._setup, self._action, turned)
         steering, pedal = (min(max(value, -1.0), 1.0) for value in self.mean_action(state))
@@ -140,7 +143,7 @@ class ObservingDriver(MetaDriveDriver, ABC):
 
 
 class MetaDriveExpert(ObservingDriver):
-    """The neural network that comes with MetaDrive, trained there by PPO; its mean action."""
+    """The neural network that comes with MetaDrive, trained there by PPO."""
 
     name = "metadrive-expert"
 
@@ -159,15 +162,15 @@ class MetaDriveExpert(ObservingDriver):
 
 
 class MetaDrivePolicy(ObservingDriver):
-    """A policy of one's own that was trained with MetaDrive's observation; its mean action.
+    """The user's own policy, which was trained with MetaDrive's observation.
 
     Args:
-        weights: path of a ``.npz`` file in the layout of the expert's, of which nothing is
-            executed, or of an ``.onnx`` file that gives 2 numbers for 275, (1, 275).
+        weights: Path of a ``.npz`` file with the layout of the expert's file, of which nothing is
+            executed, or of an ``.onnx`` file of a network from (1, 275) numbers to 2.
 
     Raises:
-        FreneticError: it is an ``.onnx`` file and onnxruntime is not installed.
-        ValueError: the file holds no such network, or it gives no finite numbers.
+        FreneticError: The file is an ``.onnx`` file, and onnxruntime is not installed.
+        ValueError: The file holds no such network, or the network's outputs are not finite.
     """
 
     name = "metadrive-policy"
@@ -180,11 +183,11 @@ class MetaDrivePolicy(ObservingDriver):
 
     @property
     def options(self) -> dict[str, str]:
-        """Its file."""
+        """Options of the driver: the path of its file."""
         return {"weights": self._path}
 
     def __getstate__(self) -> dict[str, Any]:
-        """Return the file's content: the other process may have no such file."""
+        """Return path and content of the file, which another machine may lack."""
         return {name: getattr(self, name) for name in ("_path", "_data")}
 
     def __setstate__(self, state: Mapping[str, Any]) -> None:
@@ -192,6 +195,11 @@ class MetaDrivePolicy(ObservingDriver):
         self._load()
 
     def _load(self) -> None:
+        """Make the network from the file's content, and try it.
+
+        Raises:
+            ValueError: it is no network for MetaDrive's observation, or its outputs are not finite.
+        """
         self._network: OnnxModel | Mapping[str, FloatArray]
         if self._path.endswith(".onnx"):
             self._network = model = OnnxModel(self._data)
@@ -201,24 +209,24 @@ class MetaDrivePolicy(ObservingDriver):
                 raise ValueError(f"it takes {shown}: (1, {SIZE}) alone is needed")
         else:
             self._network = read_weights(self._data)
-        self._answer(np.zeros(SIZE, dtype=np.float32))
+        self._outputs(np.zeros(SIZE, dtype=np.float32))
 
     def mean_action(self, state: FloatArray) -> tuple[float, float]:
         """See `ObservingDriver`.
 
         Raises:
-            DriverError: it gives no finite numbers.
+            DriverError: the network's outputs are not finite.
         """
         try:
-            return self._answer(state)
+            return self._outputs(state)
         except ValueError as error:
             raise DriverError(f"{self._path}: {error}") from None
 
-    def _answer(self, state: FloatArray) -> tuple[float, float]:
+    def _outputs(self, state: FloatArray) -> tuple[float, float]:
         """Return the network's mean action.
 
         Raises:
-            ValueError: it gives none of finite numbers.
+            ValueError: the outputs are not finite, or neither 2 nor 4.
         """
         if isinstance(self._network, OnnxModel):
             (name,) = self._network.inputs
@@ -238,7 +246,7 @@ def metadrive_driver(driver: Driver) -> MetaDriveDriver | None:
     """Return the driver if it is one of MetaDrive's own, otherwise None.
 
     Raises:
-        DriverError: it is one of MetaDrive's own under wrappers, which would not reach it.
+        DriverError: the driver is one of MetaDrive's own under wrappers, which it would ignore.
     """
     inner = unwrapped(driver)
     if not isinstance(inner, MetaDriveDriver):

@@ -1,6 +1,6 @@
-"""MetaDrive's PPO expert: its network, and what it sees, from an `Observation` of any simulator.
+"""MetaDrive's PPO expert: its network, and its input, made from an `Observation` of any simulator.
 
-The network comes with the package ``metadrive-simulator``; none of MetaDrive is imported for it.
+The network's file comes with the package ``metadrive-simulator``; nothing of MetaDrive is imported.
 """
 
 from __future__ import annotations
@@ -21,27 +21,36 @@ from frenetic.drivers import DriveSetup, Observation
 from frenetic.errors import FreneticError
 
 WEIGHTS: Final = Path("examples", "ppo_expert", "expert_weights.npz")
-"""Place of the network in MetaDrive's package."""
+"""Path of the network's file in MetaDrive's package."""
 SIZE: Final = 275
-"""Numbers that it sees, each in 0..1: 9 of the car, 10 of the road ahead, then of other cars."""
+"""Size of the network's input, whose numbers are in 0..1: 9 of the car, 10 of the road ahead, 16 of
+other cars and 240 of the lidar."""
 ACTION_SIZES: Final = (2, 4)
-"""Numbers that a policy gives: steering, throttle or brake; their spreads may follow."""
+"""Sizes of a network's output: steering, and throttle or brake; the two spreads may follow."""
 PIECE_LENGTH: Final = 40.0
-"""Approximate length of a piece of road, in m; MetaDrive's own maps have lanes of 40 m and more."""
+"""Approximate length of a piece of road, in m: our choice, since MetaDrive's own maps have lanes of
+40 m and more."""
 STRAIGHT_RADIUS: Final = 200.0
-"""Least radius of an arc that is called straight, in m."""
-_REACH: Final = 50.0  # m to a checkpoint at most
-_LARGEST_RADIUS: Final = 60.0  # m, of MetaDrive's curves, at their middle
-_LARGEST_ANGLE: Final = 135.0  # degrees, of MetaDrive's curves
+"""Radius in m from which on an arc counts as straight; our choice."""
+# Full scales of the input, as MetaDrive has them
+_CHECKPOINT_REACH: Final = 50.0  # m, largest distance of a checkpoint
+_LARGEST_RADIUS: Final = 60.0  # m, of a curve at its middle
+_LARGEST_ANGLE: Final = 135.0  # degrees, of a curve
 _MAP_WIDTH: Final = 18.0  # m
 _LANE_WIDTH: Final = 4.5  # m, of the widest lane
 _TOP_SPEED: Final = 80.0  # km/h
-_OTHERS: Final = 16  # numbers of other cars, 0 without any; then the lidar's, 1
+_STEERING_SCALE: Final = 60.0  # MetaDrive divides the steering, -1..1, by this angle in degrees
+_DECISION_PERIOD: Final = 0.1  # s
+# Layout of the input
+_CAR_NUMBERS: Final = 9
+_ROAD_NUMBERS: Final = 10
+_OTHER_CAR_NUMBERS: Final = 16  # all 0 without other cars; the lidar's numbers follow, 1 without
+_MIRRORED: Final = [10, 15]  # the two checkpoints' positions across the car
 
 
 @cache
 def weights() -> Mapping[str, FloatArray]:
-    """Return the network, layer by layer.
+    """Return the expert's network: name of an array -> array.
 
     Raises:
         FreneticError: MetaDrive is not installed.
@@ -55,18 +64,20 @@ def weights() -> Mapping[str, FloatArray]:
 
 
 def read_weights(data: bytes) -> Mapping[str, FloatArray]:
-    """Return a network as the expert's file holds it; its hidden layers may have other sizes.
+    """Return a network: name of an array -> array, named as in the expert's file.
+
+    The hidden layers may have any sizes.
 
     Args:
         data: content of a ``.npz`` file; nothing in it is executed.
 
     Raises:
-        ValueError: the data are no ``.npz`` file, lack an array, or hold one of another shape.
+        ValueError: the data are no ``.npz`` file, lack an array, or an array has another shape.
     """
     try:
         with np.load(BytesIO(data), allow_pickle=False) as file:
             network = dict(file)
-    except Exception:  # of several classes: of a zip archive, of its arrays
+    except Exception:  # zip archive and arrays raise errors of many classes
         raise ValueError("it is no .npz file of numbers, as numpy.savez writes it") from None
     size = SIZE
     for layer, sizes in (("fc_1", None), ("fc_2", None), ("fc_out", ACTION_SIZES)):
@@ -90,10 +101,10 @@ def expert_action(state: FloatArray) -> tuple[float, float]:
     """Return the expert's mean action, see `mean_action`.
 
     Args:
-        state: (275,), as MetaDrive's `LidarStateObservation` has it.
+        state: (275,) observation, as MetaDrive's `LidarStateObservation` returns it.
     """
     state = state.copy()
-    state[[10, 15]] = 1.0 - state[[10, 15]]  # it was trained when MetaDrive's y pointed elsewhere
+    state[_MIRRORED] = 1.0 - state[_MIRRORED]  # MetaDrive's y axis has been turned since training
     return mean_action(state, weights())
 
 
@@ -101,8 +112,8 @@ def mean_action(state: FloatArray, network: Mapping[str, FloatArray]) -> tuple[f
     """Return a network's mean action, not cut to -1..1: steering to the left, throttle or brake.
 
     Args:
-        state: (275,), what the network was trained with.
-        network: as `read_weights` returns it.
+        state: (275,) input of the network.
+        network: network, as `read_weights` returns it.
     """
 
     def layer(name: str, inputs: FloatArray) -> FloatArray:
@@ -124,16 +135,17 @@ def state_of(
     action: tuple[float, float] = (0.0, 0.0),
     turned: float = 0.0,
 ) -> FloatArray:
-    """Return what MetaDrive's `LidarStateObservation` sees on an empty road, (275,) in 0..1.
+    """Return the observation that `LidarStateObservation` makes on an empty road, (275,) in 0..1.
 
-    Of the road it sees the ends of the present piece of 40 m and of the next, each taken for an
-    arc that turns as far. It cannot know where the road ends: there it goes on straight.
+    Of the road it has the ends of the present piece of 40 m and of the next piece. Each piece is
+    taken for an arc that turns by the same angle. After the road's end the road is straight,
+    because an `Observation` does not say where it ends.
 
     Args:
         observation: observation of the car.
         setup: setup of the drive.
-        action: the last action, in -1..1: steering to the left, throttle or brake.
-        turned: rad, change of the heading since then, within 0.1 s.
+        action: last action, -1..1: steering to the left, throttle or brake.
+        turned: change of the heading since the last action, in rad, within 0.1 s.
     """
     offset, width = observation.lateral_offset, setup.lane_width
     left = 0.5 * width - offset
@@ -143,23 +155,25 @@ def state_of(
         (width - left) / _MAP_WIDTH,
         0.5 - 0.5 * math.sin(observation.heading_error),
         (3.6 * math.hypot(observation.speed, observation.lateral_speed) + 1.0) / (_TOP_SPEED + 1.0),
-        0.5 * (steering / 60.0 + 1.0),
+        0.5 * (steering / _STEERING_SCALE + 1.0),
         0.5 * (steering + 1.0),
         0.5 * (pedal + 1.0),
-        abs(turned) / 0.1,
+        abs(turned) / _DECISION_PERIOD,
         0.5 - offset / _LANE_WIDTH,
     ]
     state = np.zeros(SIZE, dtype=np.float32)
-    state[:9], state[9:19] = car, _road_ahead(observation, width)
-    state[19 + _OTHERS :] = 1.0
+    end_of_road = _CAR_NUMBERS + _ROAD_NUMBERS
+    state[:_CAR_NUMBERS] = car
+    state[_CAR_NUMBERS:end_of_road] = _road_ahead(observation, width)
+    state[end_of_road + _OTHER_CAR_NUMBERS :] = 1.0
     return np.clip(state, 0.0, 1.0)
 
 
 def _road_ahead(observation: Observation, width: float) -> list[float]:
-    """Return five numbers for the ends of two pieces each, as MetaDrive scales them."""
+    """Return five numbers for the end of each of two pieces, as MetaDrive scales them."""
     lane = observation.lane(ahead=2.0 * PIECE_LENGTH + 1.0, behind=PIECE_LENGTH + 1.0)
-    began = -(observation.distance % PIECE_LENGTH)
-    ends = began + PIECE_LENGTH * np.arange(3)
+    piece_start = -(observation.distance % PIECE_LENGTH)  # m ahead of the car
+    ends = piece_start + PIECE_LENGTH * np.arange(3)
     heading, ahead, left = (
         np.interp(ends, lane.distances, values) for values in (lane.headings, *lane.points.T)
     )
@@ -171,10 +185,11 @@ def _road_ahead(observation: Observation, width: float) -> list[float]:
         radius = length / abs(turn) if turn else math.inf
         if radius > STRAIGHT_RADIUS:
             radius, turn = 0.0, 0.0
-        near = min(_REACH / max(math.hypot(ahead[i], left[i]), 1e-9), 1.0)
+        # A checkpoint farther away than the reach moves nearer, in the same direction.
+        near = min(_CHECKPOINT_REACH / max(math.hypot(ahead[i], left[i]), 1e-9), 1.0)
         numbers += [
-            0.5 * (near * ahead[i] / _REACH + 1.0),
-            0.5 * (near * left[i] / _REACH + 1.0),
+            0.5 * (near * ahead[i] / _CHECKPOINT_REACH + 1.0),
+            0.5 * (near * left[i] / _CHECKPOINT_REACH + 1.0),
             radius / (_LARGEST_RADIUS + width),
             0.5 - 0.5 * math.copysign(1.0, turn) if turn else 0.5,
             0.5 * (math.degrees(abs(turn)) / _LARGEST_ANGLE + 1.0),

@@ -1,4 +1,4 @@
-"""MetaDrive as a `Simulator`."""
+"""MetaDrive as a `frenetic.simulators.Simulator`."""
 
 from __future__ import annotations
 
@@ -31,41 +31,43 @@ if TYPE_CHECKING:
 
 EXTRA: Final = pip_install("metadrive")
 DECISION_PERIODS: Final = 2
-"""Periods between two decisions of MetaDrive's drivers: 0.1 s, for which they were made."""
-_IDM_DECELERATION: Final = 2.0  # m/s^2, with which IDM is made to brake to a lower limit; ours
+"""Record periods between two decisions of MetaDrive's drivers: 0.1 s, as in MetaDrive."""
+_POLICY_DECELERATION: Final = 2.0
+"""Deceleration with which MetaDrive's drivers brake to a lower speed limit, in m/s²; our choice."""
 
 
 class MetaDriveSimulator(StartingPlace, PolicySimulator):
     """MetaDrive: Bullet physics of a four-wheeled car, headless; needs the extra ``metadrive``.
 
-    Its engine exists once in a process, from entering to leaving the simulator. It draws for
-    drivers with a camera only: it starts anew where one comes or goes.
+    While the simulator is entered, its process has the only engine of MetaDrive that it can have.
+    The engine draws only for drivers with a camera: it is restarted when a drive has another camera
+    than the last one, or one of the two has none.
 
     Args:
-        rules: speed limit, oob tolerance and when a drive ends.
-        friction: of the road; 1 is what MetaDrive's tyres have, 0.9 of their load.
-        wall_limit: s of wall time that a drive may take; then it is an ERROR.
-        start_offset: m to the left of the ego lane's centre at which the car starts, -2 to 2.
-        start_heading: rad to the left of the road's direction in which it points there, within an
-            eighth of a turn.
+        rules: Speed limit, oob tolerance and when a drive ends.
+        friction: Friction of the road, where 1 is MetaDrive's: 0.9 of the load on the tyres.
+        wall_limit: Wall time that a drive may take, in s; a longer one is an ERROR.
+        start_offset: Distance of the car's start to the left of the ego lane's centre, in m, -2..2.
+        start_heading: Angle of the car's start to the left of the road's direction, in rad, within
+            an eighth of a turn.
 
     `rules`, `friction`, `start_offset` and `start_heading` may be set between two drives; they hold
-    from the next one on.
+    from the next drive on.
 
     Raises:
-        ValueError: an option is out of range.
+        ValueError: An option is out of range.
     """
 
     needs: Final = ("metadrive",)
-    """Modules that the extra brings."""
+    """Modules of the extra ``metadrive``."""
     preloads: Final = ("frenetic.plugins.metadrive.preloading",)
 
     draws: Final = True
     period_step: Final = RECORD_PERIOD
     BEHAVIOUR: ClassVar[int] = 1
-    """Raised when its drives change; campaigns record it."""
+    """Version of the drives: to be increased when they change; campaigns record it."""
     BEHAVIOUR_PACKAGES: ClassVar[tuple[str, ...]] = ("metadrive-simulator",)
-    """Distributions whose versions belong to it."""
+    """Distributions on whose versions the drives depend, too."""
 
     def __init__(
         self,
@@ -87,7 +89,7 @@ class MetaDriveSimulator(StartingPlace, PolicySimulator):
 
     @property
     def options(self) -> dict[str, Any]:
-        """Its options beside the rules; of friction and start only unusual ones."""
+        """Options of the simulator beside the rules, without conditions at their usual amounts."""
         unusual = unusual_amounts(self)
         if self.friction != 1.0:
             unusual["friction"] = self.friction
@@ -137,11 +139,11 @@ class MetaDriveSimulator(StartingPlace, PolicySimulator):
             world.close()
 
     def check_driver(self, driver: Driver) -> None:
-        """Refuse MetaDrive's own drivers under wrappers, and cameras where it cannot draw.
+        """Refuse drivers that cannot drive in MetaDrive.
 
         Raises:
-            DriverError: it is such a one; or it has a camera, and MetaDrive cannot draw here or
-                not what its lens and wrappers ask for.
+            DriverError: The driver is one of MetaDrive's own under wrappers, or has a camera, and
+                MetaDrive cannot draw here, or not with the camera's lens or wrappers.
         """
         metadrive_driver(driver)
         check_other_world(driver, "MetaDrive")
@@ -149,8 +151,8 @@ class MetaDriveSimulator(StartingPlace, PolicySimulator):
             check_drawing()
 
     def setup(self, road: Road) -> DriveSetup:
-        """Return the setup of a drive along the road for its driver."""
-        # Its wheels turn at once, and do not slide before the friction limit.
+        """Return the setup of a drive along the road, for its driver."""
+        # Wheels in MetaDrive turn at once, and do not slide before the friction limit.
         return replace(
             VEHICLE.setup(self.rules, road, RECORD_PERIOD),
             front_cornering_stiffness=None,
@@ -160,11 +162,11 @@ class MetaDriveSimulator(StartingPlace, PolicySimulator):
         )
 
     def drive(self, road: Road, driver: Driver) -> Drive:
-        """One drive of the driver along the road.
+        """Drive along the road.
 
         Raises:
-            FreneticError: the simulator has not been entered, or the road is too long to be drawn.
-            RoadError: the road leans or rises.
+            FreneticError: The simulator has not been entered, or the road is too long to be drawn.
+            RoadError: The road leans, rises or widens.
             ArithmeticError: MetaDrive's physics broke.
         """
         check_road(self, driver, road)
@@ -198,13 +200,19 @@ class MetaDriveSimulator(StartingPlace, PolicySimulator):
             return run(policy_car, policy_car)
 
     def _world_for(self, road: Road, camera: Camera | None) -> World:
-        """Return the world with this camera, None for none; started anew if it is another one's."""
+        """Return the world for a road and a camera; None for no camera.
+
+        The engine is restarted if it has another camera or too small a region for the road.
+
+        Raises:
+            FreneticError: The simulator has not been entered, or the road is too long to be drawn.
+        """
         world = self._world
         if world is None:
             raise FreneticError("MetaDrive is not running: drive roads in a with statement")
         region = 0 if camera is None else drawn_region(road)
         if camera != world.camera or region > world.region:
-            # While there is none, leaving the simulator has nothing to end.
+            # Until the new world has started, `__exit__` has nothing to end.
             kind, self._world = type(world), None
             world.close()
             world = self._world = kind(camera, region)
@@ -212,41 +220,46 @@ class MetaDriveSimulator(StartingPlace, PolicySimulator):
 
 
 class _MetaDriveCar:
-    """MetaDrive's car for a driver of ours."""
+    """MetaDrive's car during one drive: a `MovedCar`.
+
+    Args:
+        world: MetaDrive's world with the car.
+        heading: heading of the road's start in rad, near which the car's heading begins.
+    """
 
     def __init__(self, world: World, heading: float) -> None:
         self._world = world
         self._heading = heading
-        self._wheels = 0.0
+        self._wheel_angle = 0.0  # in rad
 
     def motion(self) -> list[float]:
         """Return the car's motion.
 
         Raises:
-            ArithmeticError: it is not finite.
+            ArithmeticError: a number is not finite.
         """
         motion = self._world.motion()
         if not all(map(math.isfinite, motion)):
             raise ArithmeticError(f"MetaDrive's physics broke: the car's motion is {motion}")
         self._heading += wrap(motion.heading - self._heading)
-        return list(motion._replace(heading=self._heading, steering=self._wheels))
+        return list(motion._replace(heading=self._heading, steering=self._wheel_angle))
 
     def picture(self) -> Image | None:
-        """Return what the camera sees."""
+        """Return what the camera sees; None without a camera."""
         return None if self._world.camera is None else self._world.picture()
 
     def steer(self, decision: Decision) -> None:
-        """Set the controls."""
-        self._wheels = decision.wheel_angle
+        """Set the controls until the next call."""
+        self._wheel_angle = decision.wheel_angle
         self._world.steer(*decision.action)
 
     def advance(self, steering: float, throttle: float, brake: float, seconds: float) -> None:
-        """Move it on."""
+        """Set the controls and move the car for some seconds."""
         self.steer(Decision(steering, throttle, brake))
         self.move(seconds)
 
     def move(self, seconds: float) -> None:
-        """Move it on with the controls that were set."""
+        """Move the car for some seconds with the controls that were set."""
         self._world.advance(round(seconds / PHYSICS_STEP))
 
 
@@ -264,18 +277,18 @@ class _PolicyCar:
         self.motion = car.motion
 
     def picture(self) -> None:
-        """None: it looks at MetaDrive's world."""
+        """Return None: MetaDrive's drivers look at MetaDrive's world."""
 
     def reset(self, setup: DriveSetup) -> None:  # noqa: ARG002
-        """It was made for this drive."""
+        """Begin to count periods."""
         self._periods = 0
 
     def act(self, observation: Observation) -> Controls:
-        """Return the policy's controls; its brake may go beyond a driver's."""
+        """Return the controls of the policy's last decision; the brake may be above 1."""
         if self._periods % DECISION_PERIODS == 0:
             limit = self._only_limit
             if not self._limits.is_constant:
-                limit = 3.6 * self._limits.speed_at(observation.distance, _IDM_DECELERATION)
+                limit = 3.6 * self._limits.speed_at(observation.distance, _POLICY_DECELERATION)
             self._decision = self._policy.act(limit)
             self._car.steer(self._decision)
         self._periods += 1
@@ -288,5 +301,5 @@ class _PolicyCar:
         brake: float,  # noqa: ARG002
         seconds: float,
     ) -> None:
-        """Move the car on."""
+        """Move the car for some seconds with the controls that `act` has set."""
         self._car.move(seconds)

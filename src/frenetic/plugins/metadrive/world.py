@@ -1,23 +1,21 @@
-"""MetaDrive's engine with one road and one car: the only module that knows its environments.
+"""MetaDrive's engine with one road and one car: the only module that makes MetaDrive environments.
 
-Coordinates belong to the road moved to start at the origin, since Bullet calculates in single
-precision.
+In MetaDrive the road starts at the origin, since Bullet calculates in single precision: positions
+there are relative to the road's first point.
 """
 
 from __future__ import annotations
 
 import logging
 import math
-from typing import Any, Final, NamedTuple
+from typing import Any, Final
 
 import numpy as np
 from metadrive.component.map.scenario_map import ScenarioMap
-from metadrive.component.navigation_module.base_navigation import BaseNavigation
-from metadrive.component.pg_space import BlockParameterSpace, Parameter
 from metadrive.component.sensors.rgb_camera import RGBCamera
 from metadrive.constants import DEFAULT_AGENT
 from metadrive.engine.base_engine import BaseEngine
-from metadrive.engine.engine_utils import close_engine, engine_initialized, get_engine
+from metadrive.engine.engine_utils import close_engine, engine_initialized
 from metadrive.envs.base_env import BaseEnv
 from metadrive.manager.base_manager import BaseManager
 from metadrive.obs.observation_base import DummyObservation
@@ -32,57 +30,64 @@ from frenetic.plugins.metadrive.car import (
     PHYSICS_STEP,
     VEHICLE,
 )
-from frenetic.plugins.metadrive.expert import PIECE_LENGTH, STRAIGHT_RADIUS
+from frenetic.plugins.metadrive.navigation import EGO_LANE, RoadNavigation
 from frenetic.road import Road
 from frenetic.simulators.stepped import Motion
 
 SEED: Final = 0
-"""Seed of every road, so that the car is the same on each."""
+"""Seed of MetaDrive on every road, so that the car is the same in all drives."""
 POINT_SPACING: Final = 1.25
-"""Distance between the points of the map's lines, in m. MetaDrive merges points less than 1 m
-apart, and on the inner lane of the sharpest valid curve they are a seventh closer."""
+"""Distance between the points of the map's lines, in m; our choice. MetaDrive merges points that
+are less than 1 m apart, and on the inner lane of the sharpest valid curve they are closer by a
+seventh."""
 SETTLING_STEPS: Final = 60
-"""Steps of the physics that the car stands before a drive: MetaDrive drops it onto its wheels."""
-EGO_LANE: Final = "ego"
-"""The name of the ego lane in MetaDrive's map."""
+"""Number of physics steps for which the car stands before a drive, since MetaDrive drops it onto
+its wheels; our choice."""
 CAMERA: Final = "frenetic_camera"
-_NEAREST: Final = 0.1  # m, of what a camera sees
+"""Name of the camera among MetaDrive's sensors."""
+_CAMERA_NEAR: Final = 0.1
+"""Distance of the nearest that a camera sees, in m; our choice."""
+_CAR_TOLERANCE: Final = 1e-6
+"""Relative difference up to which a number of MetaDrive's car is the known one."""
 
 
 class _PhysicsEngine(BaseEngine):  # type: ignore[misc]
-    """The engine without pictures, which needs none of the assets that MetaDrive downloads."""
+    """Engine that does not download MetaDrive's assets, which only drawing needs."""
 
     @staticmethod
     def try_pull_asset() -> None:
-        """Leave the assets where they are."""
+        """Download nothing."""
 
 
 class _RoadManager(BaseManager):  # type: ignore[misc]
-    """Turns the next road into MetaDrive's map."""
+    """Manager that makes MetaDrive's map of a road."""
 
-    PRIORITY = 0  # before the car, which looks for its lane
+    PRIORITY = (
+        0  # managers are reset in this order: the map first, since the car looks for its lane
+    )
 
     def __init__(self) -> None:
         super().__init__()
         self.road: Road | None = None
+        """Road of the next reset; None for no road."""
         self.current_map: Any = None
 
     def before_reset(self) -> None:
-        """Take the last road away."""
+        """Remove the last map."""
         if self.current_map is not None:
             self.current_map.detach_from_world()
             self.current_map.destroy()
             self.current_map = None
 
     def reset(self) -> None:
-        """Build the road."""
+        """Build the map of the road."""
         if self.road is None:
             return
         self.current_map = ScenarioMap(map_index=0, map_data=map_data(self.road))
         self.current_map.attach_to_world()
 
     def destroy(self) -> None:
-        """Take the road away for good."""
+        """Remove the map and the manager."""
         self.before_reset()
         super().destroy()
 
@@ -92,7 +97,7 @@ class _RoadEnv(BaseEnv):  # type: ignore[misc]
 
     @classmethod
     def default_config(cls) -> Any:
-        """MetaDrive's defaults and what its navigation asks for."""
+        """Return MetaDrive's defaults with the entries that its navigation and policies read."""
         config = super().default_config()
         config.update(
             {"start_seed": SEED, "map_config": {}, "enable_idm_lane_change": False},
@@ -101,30 +106,30 @@ class _RoadEnv(BaseEnv):  # type: ignore[misc]
         return config
 
     def lazy_init(self) -> None:
-        """Start the engine; MetaDrive's own way would download the assets first."""
+        """Start the engine, without downloading the assets as MetaDrive's own method does."""
         if not engine_initialized():
             _PhysicsEngine(self.config)
             self.setup_engine()
 
     def setup_engine(self) -> None:
-        """Register the managers."""
+        """Register MetaDrive's managers and the one of the road."""
         super().setup_engine()
         self.engine.register_manager("map_manager", _RoadManager())
 
     def get_single_observation(self) -> Any:
-        """Add nothing."""
+        """Return an observation without content: this environment's observations are not used."""
         return DummyObservation()
 
     def reward_function(self, object_id: str) -> tuple[float, dict[str, Any]]:  # noqa: ARG002
-        """Add nothing."""
+        """Return no reward."""
         return 0.0, {}
 
     def cost_function(self, object_id: str) -> tuple[float, dict[str, Any]]:  # noqa: ARG002
-        """Add nothing."""
+        """Return no cost."""
         return 0.0, {}
 
     def done_function(self, object_id: str) -> tuple[bool, dict[str, Any]]:  # noqa: ARG002
-        """Return the rules end a drive, not MetaDrive."""
+        """Return False: the rules end a drive, not MetaDrive."""
         return False, {}
 
 
@@ -132,9 +137,9 @@ class World:
     """MetaDrive's engine with a car, and a road once one is loaded.
 
     Args:
-        camera: the camera on the car; None draws nothing.
-        region: size of the square around the road's start that is drawn, in m; see
-            `drawn_region`. Without a camera it is of no use.
+        camera: camera on the car; None for none, then nothing is drawn.
+        region: side of the square around the road's start that is drawn, in m, see `drawn_region`;
+            not used without a camera.
 
     Raises:
         FreneticError: this process already has a MetaDrive engine, or MetaDrive's car is not the
@@ -162,32 +167,33 @@ class World:
                 "vehicle_config": {
                     "navigation_module": RoadNavigation,
                     "show_navi_mark": False,
-                    # What the expert was trained with; its observation follows from it.
+                    # The lidar with which the expert was trained
                     "lidar": {"num_lasers": 240, "distance": 50, "num_others": 4},
                 },
-                # A used car remembers its last drive in the last bits of its motion.
+                # Make a new car for each drive: a used one moves differently in the last bits.
                 "force_destroy": True,
                 "log_level": logging.ERROR,
                 **({} if camera is None else _drawing(camera, region)),
             }
         )
-        self._origin = (0.0, 0.0)
-        self._height = 0.0  # of the car's origin above the ground, at rest
-        self.vehicle: Any = None  # MetaDrive's car
+        self._origin = (0.0, 0.0)  # position of MetaDrive's origin on the map, in m
+        self._height = 0.0  # height of the car's origin above the ground at rest, in m
+        self.vehicle: Any = None
+        """MetaDrive's car."""
         try:
             self._reset()
             self._check_car()
             if camera is not None:
                 lens = self.engine.get_sensor(CAMERA).lens
                 lens.setFov(camera.field_of_view, camera.vertical_field_of_view)
-                lens.setNear(_NEAREST)
+                lens.setNear(_CAMERA_NEAR)
         except BaseException:
             self.close()
             raise
 
     @property
     def engine(self) -> Any:
-        """MetaDrive's."""
+        """MetaDrive's engine."""
         return self._env.engine
 
     def close(self) -> None:
@@ -195,16 +201,21 @@ class World:
         try:
             close_engine()
         finally:
-            BaseEngine.singleton = None  # also if it broke on the way
+            BaseEngine.singleton = None  # also after an error, so that another engine can start
 
     def _reset(self) -> None:
+        """Build the map of the road and a new car."""
         self._env.reset(seed=SEED)
         self.vehicle = self._env.agent
 
     def _check_car(self) -> None:
-        """Check that MetaDrive's car is the one of the drivers' setup."""
+        """Check that MetaDrive's car is the one that drivers are told of.
+
+        Raises:
+            FreneticError: a number differs, as in another version of MetaDrive.
+        """
         car = self.vehicle
-        for name, there, here in (
+        for name, actual, known in (
             ("length", car.LENGTH, VEHICLE.length),
             ("width", car.WIDTH, VEHICLE.width),
             ("mass", car.MASS, VEHICLE.mass),
@@ -215,20 +226,20 @@ class World:
             ("brake impulse", car.config["max_brake_force"], BRAKE_IMPULSE),
             ("tyre friction", car.config["wheel_friction"], VEHICLE.tyre_peak),
         ):
-            if not math.isclose(there, here, rel_tol=1e-6):
+            if not math.isclose(actual, known, rel_tol=_CAR_TOLERANCE):
                 raise FreneticError(
-                    f"the car of this MetaDrive has another {name}, {there:g} instead of {here:g}:"
-                    " install the version that is known, metadrive-simulator 0.4.3"
+                    f"the car of this MetaDrive has another {name}, {actual:g} instead of"
+                    f" {known:g}: install the version that is known, metadrive-simulator 0.4.3"
                 )
 
     def load(self, road: Road, *, friction: float, left: float, turned: float) -> None:
-        """Replaces the road and puts the car at its start, at rest.
+        """Replace the road and put a car at its start, at rest.
 
         Args:
-            road: what will be driven.
-            friction: of the road, 1 is MetaDrive's own.
-            left: m left of the ego lane's centre.
-            turned: rad left of the road's direction.
+            road: road of the next drive.
+            friction: friction of the road, where 1 is MetaDrive's.
+            left: distance of the car to the left of the ego lane's centre, in m.
+            turned: angle of the car to the left of the road's direction, in rad.
         """
         x, y, heading = road.pose
         self._origin = (x, y)
@@ -239,7 +250,8 @@ class World:
         car["spawn_position_heading"] = (start, heading + turned)
         self._reset()
         vehicle = self.vehicle
-        # Not `vehicle.wheels`, which point to where the wheels were before there were four.
+        # `vehicle.wheels` cannot be used: it was filled while the car had fewer wheels, and its
+        # entries point to where these were.
         for wheel in vehicle.system.getWheels():
             wheel.setFrictionSlip(vehicle.config["wheel_friction"] * friction)
         self.steer(0.0, 0.0)
@@ -252,24 +264,25 @@ class World:
         """Return what the camera sees now, (height, width, 3)."""
         assert self.camera is not None
         sensor, camera = self.engine.get_sensor(CAMERA), self.camera
-        # On the car x points to the right and y ahead; its position is above the ground.
+        # In the car's frame x points to the right and y ahead. Its origin is above the ground, from
+        # which the camera's height is measured.
         colours = sensor.perceive(
             to_float=False,
             new_parent_node=self.vehicle.origin,
             position=(-camera.left, camera.forward, camera.up - self._height),
             hpr=(0.0, -camera.pitch, 0.0),
         )
-        return np.array(colours[..., 2::-1], dtype=np.uint8)
+        return np.array(colours[..., 2::-1], dtype=np.uint8)  # from blue, green, red
 
     def steer(self, steering: float, throttle_brake: float) -> None:
-        """Set what MetaDrive calls an action, each in -1..1: steering left, throttle or brake."""
+        """Set MetaDrive's action: steering, positive to the left, and throttle or brake, -1..1."""
         self.vehicle.before_step((steering, throttle_brake))
 
     def advance(self, steps: int) -> None:
-        """Move the car on by so many steps of the physics.
+        """Move the car by a number of physics steps.
 
         Raises:
-            ArithmeticError: the physics broke, and Panda3D noticed.
+            ArithmeticError: the physics broke, so that Panda3D raised an error.
         """
         try:
             for _ in range(steps):
@@ -278,29 +291,29 @@ class World:
             raise ArithmeticError(f"MetaDrive's physics broke: {error}") from error
 
     def motion(self) -> Motion:
-        """Present place and motion of the car."""
+        """Return position and motion of the car now, without its steering."""
         vehicle = self.vehicle
-        place = vehicle.origin.getPos()
+        position = vehicle.origin.getPos()
         ahead = vehicle.origin.getQuat().getForward()
         velocity = vehicle.body.getLinearVelocity()
         heading = math.atan2(ahead[1], ahead[0])
         c, s = math.cos(heading), math.sin(heading)
         return Motion(
-            place[0] + self._origin[0],
-            place[1] + self._origin[1],
-            heading,
-            c * velocity[0] + s * velocity[1],
-            c * velocity[1] - s * velocity[0],
-            vehicle.body.getAngularVelocity()[2],
+            x=position[0] + self._origin[0],
+            y=position[1] + self._origin[1],
+            heading=heading,
+            speed=c * velocity[0] + s * velocity[1],
+            lateral_speed=c * velocity[1] - s * velocity[0],
+            yaw_rate=vehicle.body.getAngularVelocity()[2],
         )
 
 
 def _drawing(camera: Camera, region: int) -> dict[str, Any]:
-    """Configuration of an engine that draws, for a camera alone and with no window."""
+    """Return the configuration of an engine that draws for a camera only, without a window."""
     return {
         "image_observation": True,
         "sensors": {CAMERA: (RGBCamera, camera.width, camera.height)},
-        "multi_thread_render": False,  # it shows the world as it was a picture ago
+        "multi_thread_render": False,  # with threads a picture would show the last one's moment
         "map_region_size": region,
         "show_fps": False,
         "show_interface": False,
@@ -309,7 +322,10 @@ def _drawing(camera: Camera, region: int) -> dict[str, Any]:
 
 
 def map_data(road: Road) -> dict[str, dict[str, Any]]:
-    """Return the road in MetaDrive's terms: two lanes, solid edges, a dashed line in between."""
+    """Return MetaDrive's map of a road: two lanes, solid edges, and a dashed centre line.
+
+    Its coordinates are relative to the road's first point.
+    """
     x, y, _ = road.pose
 
     def line(offset: float) -> Any:
@@ -330,8 +346,8 @@ def map_data(road: Road) -> dict[str, dict[str, Any]]:
 
     width = road.lane_width
     return {
-        EGO_LANE: lane(-width, 0.0, 1),
-        "other": lane(0.0, width, -1),
+        EGO_LANE: lane(right=-width, left=0.0, direction=1),
+        "other": lane(right=0.0, left=width, direction=-1),
         "right edge": {
             "type": MetaDriveType.LINE_SOLID_SINGLE_WHITE,
             "polyline": line(-width),
@@ -345,132 +361,3 @@ def map_data(road: Road) -> dict[str, dict[str, Any]]:
             "polyline": line(width),
         },
     }
-
-
-# Navigation for MetaDrive's drivers. Its own follows maps of straight and circular lanes; this one
-# cuts the ego lane of any road into pieces and describes each by the arc that turns as far.
-
-
-class Piece(NamedTuple):
-    """A piece of the ego lane, with the checkpoint at its end."""
-
-    end: float
-    """Distance along the ego lane, in m."""
-    x: float
-    """Coordinate of the checkpoint in m, seen from the road's start, as y."""
-    y: float
-    """m."""
-    radius: float
-    """Radius in m, 0 if it is straight."""
-    turn: float
-    """Turn to the left in rad, 0 if it is straight."""
-
-
-def pieces_of(road: Road) -> list[Piece]:
-    """Return the ego lane cut into pieces, equally long on the centre line."""
-    count = max(1, round(road.length / PIECE_LENGTH))
-    offset = -0.5 * road.lane_width
-    pieces = []
-    end = 0.0
-    for i in range(count):
-        before = road.pose_at(road.length * i / count)
-        after = road.pose_at(road.length * (i + 1) / count)
-        turn = after.heading - before.heading
-        # A parallel on the right is longer where the road turns left.
-        length = road.length / count - offset * turn
-        end += length
-        radius = length / abs(turn) if turn else math.inf
-        is_straight = radius > STRAIGHT_RADIUS
-        pieces.append(
-            Piece(
-                end,
-                after.x - offset * math.sin(after.heading) - road.pose.x,
-                after.y + offset * math.cos(after.heading) - road.pose.y,
-                0.0 if is_straight else radius,
-                0.0 if is_straight else turn,
-            )
-        )
-    return pieces
-
-
-class RoadNavigation:
-    """A car's navigation module for its road; MetaDrive makes and updates it."""
-
-    def __init__(self, **_options: Any) -> None:
-        self.current_lane: Any = None
-        self.current_ref_lanes: list[Any] | None = None
-        self.next_ref_lanes = None
-        self._pieces: list[Piece] = []
-        self._width = 0.0
-        self._info = np.zeros(self.get_navigation_info_dim(), dtype=np.float32)
-
-    @property
-    def map(self) -> Any:
-        """MetaDrive's map of the road."""
-        return get_engine().map_manager.current_map
-
-    @classmethod
-    def get_navigation_info_dim(cls) -> int:
-        """Numbers in `get_navi_info`."""
-        dimension: int = BaseNavigation.get_navigation_info_dim()
-        return dimension
-
-    def get_navi_info(self) -> Any:
-        """Numbers 0..1, (10,): five for the checkpoint ahead and five for the one after it."""
-        return self._info
-
-    def get_current_lane_width(self) -> float:
-        """Width of the ego lane, in m."""
-        return self._width
-
-    def get_current_lateral_range(self, position: Any, engine: Any) -> float:  # noqa: ARG002
-        """Distance from the left edge of the ego lane to the right one, in m."""
-        return self._width
-
-    def reset(self, vehicle: Any) -> None:  # noqa: ARG002
-        """Follow the loaded road."""
-        road = get_engine().map_manager.road
-        self._width = road.lane_width
-        self._pieces = pieces_of(road)
-        self.current_lane = self.map.road_network.get_lane(EGO_LANE)
-        self.current_ref_lanes = [self.current_lane]
-
-    def update_localization(self, vehicle: Any) -> None:
-        """Looks for the car's place and the checkpoints ahead of it."""
-        s, _ = self.current_lane.local_coordinates(vehicle.position)
-        last = len(self._pieces) - 1
-        i = next((i for i, piece in enumerate(self._pieces) if piece.end > s), last)
-        self._info[:5] = self._describe(self._pieces[i], vehicle)
-        self._info[5:] = self._describe(self._pieces[min(i + 1, last)], vehicle)
-
-    def _describe(self, piece: Piece, vehicle: Any) -> list[float]:
-        """Five numbers 0..1, as MetaDrive's own navigation scales them."""
-        reach = BaseNavigation.NAVI_POINT_DIST
-        away = np.array([piece.x, piece.y]) - np.asarray(vehicle.position)
-        distance = math.hypot(*away)
-        if distance > reach:
-            away *= reach / distance
-        ahead, right = vehicle.convert_to_local_coordinates(away, 0.0)
-        curve = BlockParameterSpace.CURVE
-        largest = curve[Parameter.radius].max + self._width
-        direction = -math.copysign(1.0, piece.turn) if piece.turn else 0.0
-        angle = math.degrees(abs(piece.turn)) / curve[Parameter.angle].max
-        scaled = [
-            (ahead / reach + 1.0) / 2.0,
-            (right / reach + 1.0) / 2.0,
-            piece.radius / largest,
-            (direction + 1.0) / 2.0,
-            (angle + 1.0) / 2.0,
-        ]
-        return [min(max(value, 0.0), 1.0) for value in scaled]
-
-    def before_reset(self) -> None:
-        """Forget the lane, which is about to be destroyed with its map."""
-        self.current_lane = self.current_ref_lanes = None
-
-    def detach_from_world(self) -> None:
-        """Remove nothing: it has no part in the world."""
-
-    def destroy(self) -> None:
-        """Forget the lane."""
-        self.before_reset()
