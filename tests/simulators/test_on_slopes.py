@@ -50,7 +50,7 @@ from frenetic.simulators.embedded.single_track import (
     motion,
     on_map,
 )
-from frenetic.simulators.embedded.slopes import lay
+from frenetic.simulators.embedded.slopes import on_slopes
 from frenetic.simulators.embedded.vehicle import (
     ACROSS,
     MOST_ACCELERATION,
@@ -105,7 +105,9 @@ def place_of(road: Road, state: FloatArray) -> float:
 def ground(road: Road, state: FloatArray, car: Vehicle = FREE) -> FloatArray:
     """Return the parameters of a car on the slopes below it."""
     s = place_of(road, state)
-    p: FloatArray = lay(car.to_array(), road.table, road.sub_step, road.slopes, state, s, 0.0)[0]
+    p: FloatArray = on_slopes(
+        car.to_array(), road.table, road.sub_step, road.slopes, state, s, 0.0
+    )[0]
     return p
 
 
@@ -355,7 +357,9 @@ def test_the_grip_limit_of_a_banked_circle(bank: float) -> None:
             continue
         # The last records are steady: the tyres' demand there.
         state = np.array([getattr(t, name)[-1] for name in Trajectory.names()[1:8]])
-        p = lay(car.to_array(), road.table, road.sub_step, road.slopes, state, road.length, 0.0)[0]
+        p = on_slopes(
+            car.to_array(), road.table, road.sub_step, road.slopes, state, road.length, 0.0
+        )[0]
         delta = state[STEERING]
         v_x, v_y, r = state[SPEED:STEERING]
         _, front, front_load, _, rear, rear_load = axle_forces(

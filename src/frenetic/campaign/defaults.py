@@ -55,7 +55,7 @@ def prepare(simulator: Simulator, *, drives_here: bool = True) -> None:
     """
     try:
         able = capabilities(simulator)
-        if drives_here and able.missing:
+        if drives_here and able.missing_modules:
             with simulator:  # raises an error that says what to install
                 pass
         able.prepare()

@@ -28,7 +28,7 @@ from frenetic.parts.registry import SIMULATORS, Construction
 from frenetic.processes.forks import one_process
 from frenetic.road import Road, Verdict, check_validity
 from frenetic.search.records import Candidate
-from frenetic.simulators.blame import raised
+from frenetic.simulators.blame import trouble_of_error
 from frenetic.simulators.capabilities import capabilities, check_pair, check_road
 from frenetic.simulators.conditions import check_conditions, check_pair_in, in_conditions
 from frenetic.simulators.simulator import Simulator
@@ -207,7 +207,7 @@ class RoadTester:
                     f"its drive gave {type(drive).__name__}: a frenetic.Drive is needed"
                 )
         except Exception as error:
-            simulator_broke, drive = True, self._empty_drive(raised(error, driver))
+            simulator_broke, drive = True, self._empty_drive(trouble_of_error(error, driver))
         if (trouble := drive.trouble) is not None and trouble.traceback:
             logger.debug("%s\n%s", trouble.reason, trouble.traceback)
         return drive, simulator_broke

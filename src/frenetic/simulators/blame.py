@@ -32,7 +32,7 @@ _OUR_PURE_SIMULATORS: Final = ("frenetic.simulators.", "frenetic.testing.")
 _MEMORY_DOUBT: Final = ", by itself or by the system, as where memory is short"
 
 
-def raised(error: BaseException, driver: Driver) -> Trouble:
+def trouble_of_error(error: BaseException, driver: Driver) -> Trouble:
     """Return the trouble of a drive in which a simulator's ``drive`` raised an error.
 
     The driver is to blame if its code raised the error, otherwise the simulator is.
@@ -78,7 +78,7 @@ def _is_ours(part: object) -> bool:
     return type(part).__module__.partition(".")[0] == "frenetic"
 
 
-def lost_process(error: LostProcessError, fault: Fault | None = None) -> Trouble:
+def trouble_of_lost_process(error: LostProcessError, fault: Fault | None = None) -> Trouble:
     """Return the trouble of a drive whose process was lost.
 
     Args:

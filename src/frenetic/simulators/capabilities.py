@@ -58,7 +58,7 @@ class SimulatorDefaults:
     ``vehicle``."""
 
     @property
-    def missing(self) -> list[str]:
+    def missing_modules(self) -> list[str]:
         """Modules of `needs` that are not installed."""
         return [module for module in self.needs if find_spec(module) is None]
 

@@ -89,7 +89,7 @@ def examine_all() -> Iterator[Examination]:
     for entry in SIMULATORS.entries():
         try:
             factory = SIMULATORS.load(entry.name)
-            if defaults_of(factory).missing:
+            if defaults_of(factory).missing_modules:
                 yield Examination(entry.name, Health.NOT_INSTALLED, (), pip_install(entry.name))
                 continue
             yield examine(entry.name)

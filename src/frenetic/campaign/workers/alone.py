@@ -14,7 +14,7 @@ from frenetic.errors import CampaignError, Trouble
 from frenetic.oracle.drive import CarBody, Drive, Rules, Trajectory
 from frenetic.processes.object_process import LostProcessError, ObjectProcess, pack
 from frenetic.road import Road
-from frenetic.simulators.blame import Blame, lost_process, raised
+from frenetic.simulators.blame import Blame, trouble_of_error, trouble_of_lost_process
 from frenetic.simulators.capabilities import capabilities
 from frenetic.simulators.embedded import compile_kernels
 
@@ -78,7 +78,7 @@ class DriveProcess:
             car: CarBody = self._process.answer()
         except LostProcessError as error:
             self._process.kill()
-            raise CampaignError(lost_process(error).reason) from None
+            raise CampaignError(trouble_of_lost_process(error).reason) from None
         except BaseException:
             self._process.kill()
             raise
@@ -97,7 +97,7 @@ class DriveProcess:
         try:
             self._process.close()
         except LostProcessError as error:
-            raise CampaignError(lost_process(error).reason) from None
+            raise CampaignError(trouble_of_lost_process(error).reason) from None
 
     def drive(self, road: Road, conditions: Mapping[str, float] = MappingProxyType({})) -> Drive:
         """Drive a road in conditions; an error ends the drive, which then has a trouble.
@@ -114,7 +114,7 @@ class DriveProcess:
         except LostProcessError as error:
             self._process.kill()
             self._is_started = False
-            trouble = lost_process(error, self._blame.fault(error))
+            trouble = trouble_of_lost_process(error, self._blame.fault(error))
             drive = _RoadlessDrive(
                 self._tester.simulator.car, self._tester.simulator.rules, trouble
             )
@@ -160,7 +160,7 @@ class _DriveHost:
             drive = self._tester.drive(road, conditions)
         except BaseException as error:  # including SystemExit
             return _RoadlessDrive(
-                simulator.car, simulator.rules, raised(error, self._tester.driver)
+                simulator.car, simulator.rules, trouble_of_error(error, self._tester.driver)
             )
         return _RoadlessDrive(
             drive.car,

@@ -23,7 +23,7 @@ from frenetic.processes.object_process import (
     ready,
 )
 from frenetic.search.records import Candidate
-from frenetic.simulators.blame import Blame, lost_process
+from frenetic.simulators.blame import Blame, trouble_of_lost_process
 from frenetic.simulators.capabilities import capabilities
 
 MAX_STARTS: Final = 3
@@ -102,7 +102,7 @@ def lost_attempt(
         fault: fault of the driver, if it caused the loss; None if the cause is unknown.
         seconds: wall time of the attempt until the loss, in s.
     """
-    trouble = lost_process(error, fault)
+    trouble = trouble_of_lost_process(error, fault)
     if fault is None:
         trouble = Trouble(f"{worker} was lost: {error}", error.trouble.traceback)
     return Attempt.lost(candidate_id, worker, seconds, trouble)

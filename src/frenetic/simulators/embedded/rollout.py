@@ -24,7 +24,7 @@ from frenetic.simulators.embedded.single_track import (
     Y,
     advance,
 )
-from frenetic.simulators.embedded.slopes import lay
+from frenetic.simulators.embedded.slopes import on_slopes
 from frenetic.simulators.embedded.weather import distance_of, grip_at, in_gust
 from frenetic.simulators.observer import observe, write_limits_ahead
 
@@ -116,7 +116,7 @@ def advance_period(
         s = distance_of(table, ds, state, s)
         ground = grip_at(weather, vehicle, s)
     if len(slopes):
-        ground, s = lay(ground, table, ds, slopes, state, s, steps * STEP)
+        ground, s = on_slopes(ground, table, ds, slopes, state, s, steps * STEP)
     if len(weather):
         ground = in_gust(weather, ground, state, s)
     for _ in range(steps):

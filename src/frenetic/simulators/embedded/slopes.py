@@ -95,7 +95,7 @@ def _height_at(
 
 
 @njit(error_model="numpy")
-def lay(
+def on_slopes(
     p: FloatArray,
     table: FloatArray,
     ds: float,

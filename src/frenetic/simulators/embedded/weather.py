@@ -88,7 +88,7 @@ def in_gust(weather: FloatArray, ground: FloatArray, state: FloatArray, s: float
 
     Args:
         weather: see `weather_array`.
-        ground: The car's parameters on the road there, see `lay`.
+        ground: The car's parameters on the road there, see `on_slopes`.
         state: (7,) state of the car.
         s: Distance of the car along the road, in m.
     """
