@@ -51,7 +51,9 @@ class Pair(NamedTuple):
     """Drives of both versions on one road."""
 
     old: Test
+    """Drive of the old version."""
     new: Test
+    """Drive of the new version."""
 
     @property
     def change(self) -> Change:
@@ -68,6 +70,7 @@ class PairedRoads:
     folder: Path
     """Folder of the campaign that holds the roads, and the old version's drives."""
     pairs: tuple[Pair, ...]
+    """Drives on each road."""
 
     @property
     def judged(self) -> list[Pair]:
@@ -201,6 +204,7 @@ class BackToBack:
         return tuple(self._notes())
 
     def _notes(self) -> Iterator[str]:
+        """Yield each limit of the answer."""
         if self.known.pairs:
             yield (
                 "the answer rests on the fresh roads; failing roads were found by searching against"

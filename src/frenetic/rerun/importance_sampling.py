@@ -61,6 +61,7 @@ class DriveResult:
     conditions: FloatArray
     """Standard normal numbers that stand for the conditions, (d,)."""
     is_failure: bool
+    """Whether the drive failed."""
 
 
 @dataclass(frozen=True)

@@ -288,6 +288,7 @@ class _DriveFailure(NamedTuple):
     """Values of a failure by which it is compared with another one."""
 
     reason: FailureReason
+    """Reason of the failure."""
     approach: FloatArray
     """Road, offsets and speeds before the failure, (64,) in m, see `frenetic.search.approach`."""
     cause: float | None

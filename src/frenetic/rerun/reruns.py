@@ -116,6 +116,7 @@ class _RerunPurpose:
     planned: int
     """Number of planned drives."""
     variations: tuple[Variation, ...] = ()
+    """Ranges from which the conditions were drawn."""
 
 
 def read_rerun(folder: Path | str, source: Path | str) -> Rerun:

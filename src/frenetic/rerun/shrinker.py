@@ -130,6 +130,7 @@ class Improvement:
     """Smaller shape that has the property."""
 
     shape: Shape
+    """The smaller shape."""
     pass_name: str
     """Name of the pass that found the shape."""
     trials: int

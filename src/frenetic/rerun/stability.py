@@ -146,6 +146,7 @@ class Influence:
     """Influence of a varied condition on the drives."""
 
     condition: str
+    """Name of the condition."""
     spearman: float
     """Rank correlation of the amount with `Repeat.margin`, -1..1: negative if more is worse."""
     p: float

@@ -44,6 +44,7 @@ class Examination:
     simulator: str
     """Name of the simulator, as on the command line."""
     health: Health
+    """Result of the examination."""
     checks: tuple[SimulatorCheck, ...]
     """Results of the checks, in order; empty if the simulator was not checked."""
     note: str = ""

@@ -93,6 +93,7 @@ STATE_SIZE: Final = 7
 
 @njit(error_model="numpy")
 def _clip(value: float, low: float, high: float) -> float:
+    """Return the value, or the end of the range that it is beyond."""
     return low if value < low else high if value > high else value
 
 
