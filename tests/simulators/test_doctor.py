@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Iterator
 from typing import Self
 
@@ -137,6 +138,16 @@ def test_every_simulator_is_examined() -> None:
     )
     for examination in examinations.values():
         assert all(check.remedy for check in examination.failed)
+
+
+@pytest.mark.usefixtures("registry")
+def test_the_log_has_the_traceback_of_a_check_that_raised(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    with caplog.at_level(logging.DEBUG, logger="frenetic"):
+        examine("dead")
+    assert "Traceback" in caplog.text
+    assert "OSError: no display" in caplog.text
 
 
 def test_unknown_simulator_names_the_close_match() -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Final
@@ -14,6 +15,8 @@ from frenetic.oracle.outcome import Outcome
 from frenetic.oracle.verdict import judge
 from frenetic.road import Pose, Road
 from frenetic.simulators.simulator import Simulator
+
+logger = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
@@ -30,13 +33,12 @@ class SimulatorCheck:
     """Advice for the user; empty if the simulator passed."""
 
 
-def failed_by_error(name: str, error: Exception, remedy: str) -> SimulatorCheck:
-    """Return the result of a check that raised an error."""
+def failed_by_error(name: str, error: Exception) -> SimulatorCheck:
+    """Return the result of a check that raised an error, and log the error with its traceback."""
+    logger.debug("the check %r failed", name, exc_info=error)
+    remedy = "see the message; 'frenetic --debug doctor' says more"
     return SimulatorCheck(name, is_ok=False, state=reason_of(error), remedy=remedy)
 
-
-MORE_DETAIL: Final = "see the message; 'frenetic --debug doctor' says more"
-"""Remedy for a check that raised an error."""
 
 # Roads that every driver can follow
 
@@ -66,7 +68,7 @@ def drive_checks(
         try:
             drive = simulator.drive(road, driver or Stanley())
         except Exception as error:
-            yield failed_by_error(name, error, MORE_DETAIL)
+            yield failed_by_error(name, error)
             continue
         result = judge(road, drive)
         if result.outcome is not Outcome.PASS or result.moobd is None or result.moobd <= 0.0:

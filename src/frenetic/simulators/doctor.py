@@ -16,12 +16,7 @@ from frenetic._support.words import pip_install
 from frenetic.errors import FreneticError
 from frenetic.parts.registry import SIMULATORS
 from frenetic.simulators.capabilities import capabilities, defaults_of
-from frenetic.simulators.checks import (
-    MORE_DETAIL,
-    SimulatorCheck,
-    drive_checks,
-    failed_by_error,
-)
+from frenetic.simulators.checks import SimulatorCheck, drive_checks, failed_by_error
 from frenetic.simulators.simulator import Simulator
 
 
@@ -109,4 +104,4 @@ def _checks(simulator: Simulator) -> Iterator[SimulatorCheck]:
             yield from drive_checks(simulator)
             stage = "end"
     except Exception as error:
-        yield failed_by_error(stage, error, MORE_DETAIL)
+        yield failed_by_error(stage, error)
