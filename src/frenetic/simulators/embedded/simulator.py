@@ -17,10 +17,8 @@ import numpy as np
 from frenetic._support.arrays import FloatArray
 from frenetic._support.bounds import Positive, check
 from frenetic._support.compiled import cache_folder
-from frenetic._support.entry_points import imported, installed
 from frenetic._support.kernel_cache import VARIABLE
 from frenetic.drivers import Planner
-from frenetic.drivers.camera import RENDERERS, Camera, Image, Renderer, Scene
 from frenetic.drivers.driver import Controls, Driver, DriveSetup, Observation
 from frenetic.drivers.laws import setup_array
 from frenetic.drivers.stack import camera_of, scene_of, unwrapped
@@ -35,7 +33,7 @@ from frenetic.simulators.capabilities import check_road
 from frenetic.simulators.checks import SimulatorCheck
 from frenetic.simulators.drive_loop import run_drive
 from frenetic.simulators.embedded import rollout as kernels
-from frenetic.simulators.embedded.single_track import HEADING, X, Y
+from frenetic.simulators.embedded.python_car import EmbeddedCar, new_renderer
 from frenetic.simulators.embedded.vehicle import Vehicle
 from frenetic.simulators.embedded.weather import weather_array
 from frenetic.simulators.observer import in_metres_per_second
@@ -247,12 +245,12 @@ class EmbeddedSimulator(StartingPlace, Ready):
             rehearse()  # before the driver's wall time is measured
         try:
             camera = camera_of(driver)
-            renderer = None if camera is None else _renderer(road, camera, scene_of(driver))
+            renderer = None if camera is None else new_renderer(road, camera, scene_of(driver))
         except DriverError as error:
             return Drive(Trajectory.empty(), self.car, self.rules, road, Trouble.of(error))
         if renderer is not None:
             renderer.draw(*road.pose)  # the first picture takes longer: before that time, too
-        car = _EmbeddedCar(self._start(road), *self._conditions(road), road, renderer)
+        car = EmbeddedCar(self._start(road), *self._conditions(road), road, renderer)
         return run_drive(
             car,
             driver,
@@ -284,73 +282,6 @@ class EmbeddedSimulator(StartingPlace, Ready):
         return kernels.start_state(
             road.table, road.lane_width, self.start_offset, self.start_heading
         )
-
-
-class _EmbeddedCar:
-    """A `MovedCar`: the car of one drive with a driver in Python.
-
-    Args:
-        state: (7,) state at the start, which changes as the car moves.
-        parameters: `Vehicle.to_array()`.
-        weather: see `frenetic.simulators.embedded.weather`.
-        road: Road under the car.
-        renderer: Renderer of the driver's camera; None without a camera.
-    """
-
-    def __init__(
-        self,
-        state: FloatArray,
-        parameters: FloatArray,
-        weather: FloatArray,
-        road: Road,
-        renderer: Renderer | None,
-    ) -> None:
-        self._state = state
-        self._ground = parameters, road.table, road.sub_step, road.slopes
-        self._weather = weather
-        self._s = 0.0  # distance along the road before the last step, on slopes and in weather
-        self._renderer = renderer
-
-    def motion(self) -> list[float]:
-        """Return the state, in the order of the columns of a `Trajectory`."""
-        values: list[float] = self._state.tolist()
-        return values
-
-    def picture(self) -> Image | None:
-        """Return what the camera sees; None without a camera."""
-        state = self._state
-        if self._renderer is None:
-            return None
-        return self._renderer.draw(state[X], state[Y], state[HEADING])
-
-    def advance(self, steering: float, throttle: float, brake: float, seconds: float) -> None:
-        """Move the car for some seconds, a multiple of the integration step."""
-        steps = round(seconds / kernels.STEP)
-        self._s = kernels.advance_period(
-            self._state,
-            steering,
-            throttle,
-            brake,
-            *self._ground,
-            self._s,
-            self._weather,
-            steps,
-        )
-
-
-def _renderer(road: Road, camera: Camera, scene: Scene) -> Renderer:
-    """Return a renderer for a camera, made by the first installed entry point.
-
-    Raises:
-        DriverError: No renderer is installed.
-    """
-    entry = next(iter(installed(RENDERERS)), None)
-    if entry is None:
-        raise DriverError(
-            f"the driver has a camera, and nothing is installed that draws for it ({RENDERERS})"
-        )
-    renderer: Renderer = imported(entry.target)(road, camera, scene)
-    return renderer
 
 
 @cache
