@@ -21,10 +21,10 @@ class Simulator(Protocol):
     every `Drive`.
 
     `drive` puts the car at rest on the centre of the ego lane at the road's first point, aligned
-    with the road, and records the car at a fixed rate until `frenetic.oracle.verdict` says that the
-    drive has ended. If the driver or the simulator breaks, `drive` returns a `Drive` with `trouble`
-    instead of raising an exception, and the next drive is not affected. The same road and driver
-    give the same drive.
+    with the road, and records the car at a fixed rate until `frenetic.oracle.assessment` says that
+    the drive has ended. If the driver or the simulator breaks, `drive` returns a `Drive` with
+    `trouble` instead of raising an exception, and the next drive is not affected. The same road and
+    driver give the same drive.
     """
 
     rules: Rules
