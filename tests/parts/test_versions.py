@@ -16,7 +16,8 @@ from user_modules import own_modules
 
 from frenetic.drivers import Planner
 from frenetic.drivers.loading import load_driver
-from frenetic.parts.registry import DRIVERS, arguments_of
+from frenetic.parts.construction import arguments_of
+from frenetic.parts.registry import DRIVERS
 from frenetic.parts.versions import differences, short_version, sources_named, version_of
 from frenetic.search import Frenetic
 from frenetic.simulators import EmbeddedSimulator, Rules

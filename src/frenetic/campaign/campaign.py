@@ -56,7 +56,7 @@ from frenetic.campaign.workers import Workers, cluster_workers, workers_for
 from frenetic.conditions.domain import Domain
 from frenetic.drivers.driver import Driver
 from frenetic.errors import CampaignError
-from frenetic.parts.registry import options_of
+from frenetic.parts.construction import options_of
 from frenetic.parts.trust import unsigned_text
 from frenetic.parts.versions import package_versions
 from frenetic.road import MAP_MARGIN

@@ -14,7 +14,7 @@ from frenetic.campaign.reader import SIGNATURE, SOURCES
 from frenetic.campaign.store import CampaignStore
 from frenetic.campaign.tester import RoadTester
 from frenetic.errors import CampaignError
-from frenetic.parts.registry import Construction
+from frenetic.parts.construction import Construction
 from frenetic.parts.trust import named_code
 from frenetic.parts.versions import version_of
 from frenetic.search.strategy import Strategy

@@ -78,7 +78,7 @@ def _documents(kind: str) -> list[dict[str, Any]]:
         return [
             {
                 **asdict(entry),
-                "summary": registry.about(entry),
+                "summary": registry.summary_of(entry),
                 **({"lays": _laid_by(entry.name)} if registry is SIMULATORS else {}),
             }
             for entry in registry.entries()
@@ -196,7 +196,7 @@ def _print(kind: str, title: str | None) -> None:
     print_table(
         ("name", "from", "what it is", *(["conditions"] if laid else [])),
         [
-            (entry.name, entry.origin, registry.about(entry), *laid[i : i + 1])
+            (entry.name, entry.origin, registry.summary_of(entry), *laid[i : i + 1])
             for i, entry in enumerate(entries)
         ],
         title=title,

@@ -25,7 +25,8 @@ from types import FunctionType
 from typing import Any, Final
 
 from frenetic.errors import describe_error
-from frenetic.parts.registry import Construction, part_name
+from frenetic.parts.construction import Construction
+from frenetic.parts.registry import part_name
 from frenetic.parts.source_imports import files_of, imported_names
 from frenetic.parts.user_modules import USER_MODULE, is_local
 

@@ -19,7 +19,8 @@ from typing import Any, Final
 from frenetic._support.json_value import JSONValue
 from frenetic._support.words import part_word
 from frenetic.errors import describe_error
-from frenetic.parts.registry import Construction, arguments_of, options_of, part_name
+from frenetic.parts.construction import Construction, arguments_of, options_of
+from frenetic.parts.registry import part_name
 from frenetic.parts.user_modules import USER_MODULE
 from frenetic.parts.versions import (
     differences,
@@ -54,7 +55,7 @@ def describe(part: object, construction: Construction | None = None) -> dict[str
     Args:
         part: the object.
         construction: call that made the part of its name; without it, the arguments are attributes
-            of a part of your own (`frenetic.parts.registry.arguments_of`).
+            of a part of your own (`frenetic.parts.construction.arguments_of`).
     """
     from frenetic.drivers.camera import Camera  # numpy takes its time
     from frenetic.drivers.driver import inner_driver  # numpy takes its time

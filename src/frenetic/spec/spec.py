@@ -18,7 +18,7 @@ from frenetic._support.words import part_word, read_part
 from frenetic.conditions.condition import SEED, SPEED, amounts_in, condition_named
 from frenetic.errors import FreneticError
 from frenetic.parts import trust
-from frenetic.parts.registry import Construction
+from frenetic.parts.construction import Construction
 from frenetic.spec.budget import Budget
 from frenetic.spec.files import (
     DRIVEN,

@@ -19,6 +19,7 @@ from frenetic._support.bounds import Count, Index, Positive
 from frenetic._support.words import parse_duration, read_part
 from frenetic.campaign.tester import RoadTester
 from frenetic.errors import FreneticError
+from frenetic.parts.construction import required_options
 from frenetic.parts.registry import STRATEGIES, hint
 from frenetic.parts.trust import Parts
 from frenetic.plugins.bench.bench import FILE, Bench, read_record
@@ -138,7 +139,7 @@ def _strategy(text: str) -> Entrant:
 def _built_in() -> Iterator[Entrant]:
     """Yield the registered strategies that need no more than a seed and the map's size."""
     for entry in STRATEGIES.entries():
-        if set(STRATEGIES.needs(STRATEGIES.load(entry.name))) <= {"seed", "map_size"}:
+        if set(required_options(STRATEGIES.load(entry.name))) <= {"seed", "map_size"}:
             yield Entrant(name=entry.name, spec=entry.name, is_strategy=True)
 
 

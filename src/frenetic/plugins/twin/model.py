@@ -15,7 +15,8 @@ from frenetic.drivers.driver import Driver, unwrapped
 from frenetic.drivers.loading import load_driver
 from frenetic.errors import FreneticError
 from frenetic.oracle.drive import Rules
-from frenetic.parts.registry import DRIVERS, hint, options_of
+from frenetic.parts.construction import options_of
+from frenetic.parts.registry import DRIVERS, hint
 from frenetic.plugins.twin.profile import Fitted, TwinProfile
 from frenetic.simulators.embedded import EmbeddedSimulator
 from frenetic.simulators.embedded.vehicle import Vehicle
