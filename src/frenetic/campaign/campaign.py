@@ -57,7 +57,7 @@ from frenetic.conditions.domain import Domain
 from frenetic.drivers.driver import Driver
 from frenetic.errors import CampaignError
 from frenetic.parts.construction import options_of
-from frenetic.parts.trust import unsigned_text
+from frenetic.parts.signatures import unsigned_text
 from frenetic.parts.versions import package_versions
 from frenetic.road import MAP_MARGIN
 from frenetic.search.strategy import Strategy

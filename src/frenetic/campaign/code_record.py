@@ -15,7 +15,7 @@ from frenetic.campaign.store import CampaignStore
 from frenetic.campaign.tester import RoadTester
 from frenetic.errors import CampaignError
 from frenetic.parts.construction import Construction
-from frenetic.parts.trust import named_code
+from frenetic.parts.named_code import named_code
 from frenetic.parts.versions import version_of
 from frenetic.search.strategy import Strategy
 from frenetic.spec import Spec

@@ -23,8 +23,9 @@ from frenetic.cli.console import Log
 from frenetic.cli.options import Decorator, with_options
 from frenetic.conditions.condition import amounts_in, condition_named
 from frenetic.errors import FreneticError
+from frenetic.parts.named_code import NOT_DRIVING, REGISTRIES, Parts, named_code
 from frenetic.parts.registry import SIMULATORS
-from frenetic.parts.trust import NOT_DRIVING, REGISTRIES, Parts, is_here, named_code
+from frenetic.parts.trust import is_here
 from frenetic.spec import Signed, Spec, sign_driven, usual_of
 from frenetic.spec.part_record import PARTS
 

@@ -31,8 +31,8 @@ from frenetic.campaign.stored_spec import signed_spec
 from frenetic.campaign.summary import Event, EventKind, Progress, Summary
 from frenetic.campaign.tester import RoadTester
 from frenetic.errors import CampaignError
+from frenetic.parts.named_code import NOT_DRIVING, REGISTRIES
 from frenetic.parts.registry import DRIVERS, absolute_files
-from frenetic.parts.trust import NOT_DRIVING, REGISTRIES
 from frenetic.parts.user_modules import user_folders
 from frenetic.parts.versions import sources_named
 from frenetic.processes.interrupt import catch_interrupt

@@ -30,7 +30,7 @@ def _about(text: str, metavar: str = "") -> Meta:
 
 
 class Signed(Struct, frozen=True, forbid_unknown_fields=True):
-    """The user's signature of the code that a file names, see `frenetic.parts.trust`."""
+    """The user's signature of the code that a file names, see `frenetic.parts.signatures`."""
 
     folder: str
     """Folder from which the code is loaded."""

@@ -17,8 +17,10 @@ from frenetic._support.outside_text import read_json
 from frenetic._support.words import part_word, read_part
 from frenetic.conditions.condition import SEED, SPEED, amounts_in, condition_named
 from frenetic.errors import FreneticError
-from frenetic.parts import trust
 from frenetic.parts.construction import Construction
+from frenetic.parts.named_code import REGISTRIES, Parts, named_code
+from frenetic.parts.signatures import sign
+from frenetic.parts.trust import CodeClaim, TrustOptions, require_trusted
 from frenetic.spec.budget import Budget
 from frenetic.spec.files import (
     DRIVEN,
@@ -229,11 +231,12 @@ class Spec(RunEntries, frozen=True, kw_only=True):
         self,
         folder: Path | str | None,
         sources: object = None,
-        others: trust.Parts = MappingProxyType({}),
+        others: Parts = MappingProxyType({}),
     ) -> Self:
-        """Return the spec with its user's signature of the named code, see `frenetic.parts.trust`.
+        """Return the spec with its user's signature of the named code.
 
-        It is unsigned if it names no code, or if the user's key cannot be written.
+        It is unsigned if it names no code, or if the user's key cannot be written, see
+        `frenetic.parts.signatures`.
 
         Args:
             folder: folder from which the code is loaded; None for the current folder.
@@ -241,7 +244,7 @@ class Spec(RunEntries, frozen=True, kw_only=True):
             others: other parts that are named beside the spec, such as a bench's entrants.
         """
         place = Path(folder or "").absolute()
-        signature = trust.sign(trust.named_code({**self.parts, **others}), place, sources)
+        signature = sign(named_code({**self.parts, **others}), place, sources)
         signed = Signed(str(place), signature) if signature else None
         return structs.replace(self, signed=signed)
 
@@ -249,16 +252,16 @@ class Spec(RunEntries, frozen=True, kw_only=True):
         self,
         source: Path | str,
         *,
-        others: trust.Parts = MappingProxyType({}),
+        others: Parts = MappingProxyType({}),
         sources: object = None,
-        **options: Unpack[trust.TrustOptions],
+        **options: Unpack[TrustOptions],
     ) -> Path:
         """Return the folder from which the named code may be loaded, see `frenetic.parts.trust`.
 
         Args:
             source: the file or campaign that holds this spec.
             others: other parts that the source names, such as a bench's entrants.
-            sources: sources that the source stores, as for `frenetic.parts.trust.sign`.
+            sources: sources that the source stores, as for `frenetic.parts.signatures.sign`.
             options: other options of `frenetic.parts.trust.require_trusted`.
 
         Raises:
@@ -266,8 +269,8 @@ class Spec(RunEntries, frozen=True, kw_only=True):
         """
         signed = self.signed or Signed("", "")
         parts = {**self.parts, **others}
-        claim = trust.CodeClaim(parts, signed.signature, signed.folder, sources)
-        return trust.require_trusted(source, claim, **options)
+        claim = CodeClaim(parts, signed.signature, signed.folder, sources)
+        return require_trusted(source, claim, **options)
 
     def with_files_in(self, folders: Mapping[str, Path]) -> Self:
         """Return the spec with absolute paths of the files of some parts.
@@ -280,7 +283,7 @@ class Spec(RunEntries, frozen=True, kw_only=True):
         """
         values: dict[str, str] = {}
         for kind, folder in folders.items():
-            name, options = trust.REGISTRIES[kind].absolute(*self.parts[kind], folder)
+            name, options = REGISTRIES[kind].absolute(*self.parts[kind], folder)
             values[kind] = part_word(name, options) if kind in PARTS else name
         return structs.replace(self, **values)
 
@@ -421,11 +424,11 @@ class Spec(RunEntries, frozen=True, kw_only=True):
             FreneticError: the part cannot be loaded.
         """
         part = self.part(kind)
-        return trust.REGISTRIES[kind].construction(*part, self._available(kind, rules))
+        return REGISTRIES[kind].construction(*part, self._available(kind, rules))
 
     def _make(self, kind: str, rules: Rules | None = None) -> Any:
         part = self.part(kind)
-        return trust.REGISTRIES[kind].make_from(*part, self._available(kind, rules))
+        return REGISTRIES[kind].make_from(*part, self._available(kind, rules))
 
     def _available(self, kind: str, rules: Rules | None) -> dict[str, Any]:
         """Return the options that a part gets if its class takes them."""

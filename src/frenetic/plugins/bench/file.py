@@ -20,8 +20,8 @@ from frenetic._support.words import parse_duration, read_part
 from frenetic.campaign.tester import RoadTester
 from frenetic.errors import FreneticError
 from frenetic.parts.construction import required_options
+from frenetic.parts.named_code import Parts
 from frenetic.parts.registry import STRATEGIES, hint
-from frenetic.parts.trust import Parts
 from frenetic.plugins.bench.bench import FILE, Bench, read_record
 from frenetic.plugins.bench.entrants import PATH_OPTIONS, Entrant, entrant_parts
 from frenetic.plugins.bench.presets import find_preset
@@ -56,7 +56,7 @@ class BenchFile(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
 
     @property
     def parts(self) -> Parts:
-        """Entrants as `frenetic.parts.trust` takes them, see `entrant_parts`.
+        """Entrants as `frenetic.parts.named_code` takes them, see `entrant_parts`.
 
         Raises:
             ValueError: a text has no form NAME,OPTION=VALUE.

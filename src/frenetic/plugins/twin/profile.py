@@ -18,7 +18,8 @@ from frenetic._support.bounds import Index, Positive
 from frenetic._support.files import read_bounded, write_file
 from frenetic._support.outside_text import read_json
 from frenetic.errors import FreneticError
-from frenetic.parts.trust import is_here, named_code
+from frenetic.parts.named_code import named_code
+from frenetic.parts.trust import is_here
 from frenetic.road import LANE_WIDTH
 from frenetic.spec import SIGNED, USUAL, Spec
 
