@@ -13,7 +13,7 @@ from typing import Final, Literal, TypeAlias, get_args
 from frenetic.campaign.campaign import Campaign
 from frenetic.campaign.store import CampaignStore
 from frenetic.errors import FreneticError
-from frenetic.export.official_format import write_competition_folder
+from frenetic.export.competition_folder import write_competition_folder
 from frenetic.export.tables import Place, opened, write_tables
 from frenetic.oracle.outcome import Outcome, chosen_outcomes
 
