@@ -18,7 +18,7 @@ from frenetic.campaign.campaign import Campaign
 from frenetic.campaign.record import Test
 from frenetic.campaign.store import CampaignStore
 from frenetic.errors import CampaignError
-from frenetic.export.tables import opened
+from frenetic.export.tables import open_store
 from frenetic.report.picture import Fact, draw_sheet, facts_of_drive, facts_of_road, sheet_row
 from frenetic.report.plots import draw_curves
 from frenetic.report.scene import look
@@ -65,7 +65,7 @@ def _test(test: Test) -> str:
 def _campaign(campaign: Campaign | CampaignStore) -> str:
     if not campaign.folder.exists():
         return f"<p>{html.escape(repr(campaign))}</p>"
-    with opened(campaign) as store:
+    with open_store(campaign) as store:
         title, items = _failures_to_show(store)
         picture = _sheet(items, 2.0 * min(len(items), 3), title) if items else ""
         counts, time = store.counts(), format_duration(store.elapsed())

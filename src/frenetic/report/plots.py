@@ -19,7 +19,7 @@ from frenetic._support.words import counted, oob_words
 from frenetic.analysis.clusters import distinct_failures
 from frenetic.analysis.comparison import Comparison
 from frenetic.campaign.record import Test
-from frenetic.export.tables import Place, opened
+from frenetic.export.tables import CampaignSource, open_store
 from frenetic.oracle.drive import Drive
 from frenetic.report.html.comparison import group_curves
 from frenetic.report.html.page import Chart
@@ -128,7 +128,7 @@ def _new_axes(width: float, height: float, *, key: float = 0.0) -> tuple[Axes, P
 # Campaigns
 
 
-def plot_progress(campaign: Place, ax: Axes | None = None) -> Axes:
+def plot_progress(campaign: CampaignSource, ax: Axes | None = None) -> Axes:
     """Draws failures and distinct failures over the simulations, as the report does.
 
     The dashed line expects the failing share of the random roads for all roads; the band around it
@@ -137,7 +137,7 @@ def plot_progress(campaign: Place, ax: Axes | None = None) -> Axes:
     Raises:
         CampaignError: there is no campaign, or it is damaged.
     """
-    with opened(campaign) as store:
+    with open_store(campaign) as store:
         repeats = store.repeats()
         tests = [TestSummary.of(test, is_repeat=test.id in repeats) for test in store.tests()]
         chart = timeline_of(tests, distinct_failures(store))

@@ -45,7 +45,7 @@ from frenetic.campaign.summary import facts_text
 from frenetic.campaign.warm_start import still_failing
 from frenetic.conditions.condition import as_text
 from frenetic.errors import CampaignError
-from frenetic.export.tables import Place, opened
+from frenetic.export.tables import CampaignSource, open_store
 from frenetic.oracle.outcome import Outcome
 from frenetic.parts.versions import innermost, short_version
 from frenetic.report.failures import MOST_FILES
@@ -152,7 +152,7 @@ class Reading:
 
 
 def write_report(
-    campaign: Place,
+    campaign: CampaignSource,
     path: Path | str | None = None,
     *,
     reading: Reading | None = None,
@@ -173,7 +173,7 @@ def write_report(
         CampaignError: there is no campaign, or it is damaged.
         FreneticError: the file cannot be written.
     """
-    with opened(campaign) as store:
+    with open_store(campaign) as store:
         path = store.folder / REPORT if path is None else Path(path)
         report = campaign_report(store, reading=reading, sections=sections)
     return write_page(report, path)
