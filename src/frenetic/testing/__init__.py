@@ -2,8 +2,8 @@
 
 `keeps_lane` turns a function that returns a driver into a test. The conformance suites need pytest
 (``pip install pytest``): subclass one in a test file, and return your part from its method `make`.
-The stand-ins `DummySimulator` and `DummyDriver` need no pytest, nor does `converse`, which stands in
-for a campaign.
+The stand-ins `DummySimulator` and `DummyDriver` need no pytest, nor does `converse`, a stand-in for
+a campaign.
 
 Names are imported on use, since pytest loads this package, with its plug-in, in every session.
 """

@@ -29,8 +29,8 @@ class DummySimulator(Ready):
     """A simulator without physics: the car drives at a steady speed and drifts in its lane.
 
     The driver is reset but never asked for controls. The car moves from the first record on, and
-    the drive is recorded to the road's last point. A drive fails where the drift takes the car out of
-    its lane, so the outcome is a function of the road.
+    the drive is recorded to the road's last point. A drive fails where the drift takes the car out
+    of its lane, so the outcome is a function of the road.
 
     Args:
         drift: function of the road that returns how far left of the ego lane's centre the car is in
