@@ -19,9 +19,10 @@ from frenetic.campaign.record import Test
 from frenetic.campaign.store import CampaignStore
 from frenetic.errors import CampaignError
 from frenetic.export.tables import open_store
-from frenetic.report.picture import Fact, draw_sheet, facts_of_drive, facts_of_road, sheet_row
+from frenetic.report.judged_drive import judge_drive
+from frenetic.report.picture import Fact, facts_of_drive, facts_of_road
 from frenetic.report.plots import draw_curves
-from frenetic.report.scene import look
+from frenetic.report.sheet import draw_sheet, sheet_row
 from frenetic.report.style import STYLE, Paper, encode_figure
 from frenetic.road import Road
 
@@ -52,7 +53,7 @@ def _test(test: Test) -> str:
         pass
     else:
         if drive is not None:
-            facts = [*facts_of_drive(road, look(road, test)), *facts]
+            facts = [*facts_of_drive(road, judge_drive(road, test)), *facts]
         else:
             words = oob_words(moobd, road.lane_width)
             read = [] if moobd is None else [("MOOBD", words, "read without drive")]

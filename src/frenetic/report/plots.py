@@ -25,15 +25,8 @@ from frenetic.report.html.comparison import group_curves
 from frenetic.report.html.page import Chart
 from frenetic.report.html.tests import TestSummary
 from frenetic.report.html.timeline import timeline_of
-from frenetic.report.scene import (
-    JudgedDrive,
-    box_of,
-    draw_colour_bar,
-    draw_scene,
-    focus_of,
-    look,
-    road_of,
-)
+from frenetic.report.judged_drive import JudgedDrive, focus_of, judge_drive, road_of
+from frenetic.report.scene import box_of, draw_colour_bar, draw_scene
 from frenetic.report.style import FAINT, STYLE, WIDTH, Paper, form_of, write_figure
 from frenetic.report.view import View
 from frenetic.road import Road
@@ -86,7 +79,7 @@ def plot(
         if isinstance(thing, Road):
             return _plot_above(thing, None, ax)
         road = thing.road if isinstance(thing, Test) else road_of(thing, road)
-        return _plot_above(road, look(road, thing), ax)
+        return _plot_above(road, judge_drive(road, thing), ax)
 
 
 def _plot_above(road: Road, judged: JudgedDrive | None, ax: Axes | None) -> Axes:

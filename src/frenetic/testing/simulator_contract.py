@@ -392,7 +392,7 @@ class SimulatorContract:
             pytest.skip("this simulator never asks the driver")
 
     def _weave(self, road: Road) -> tuple[Watch, Drive]:
-        """Return the watch of a driver and its drive, in which all observations and controls change."""
+        """Return a driver's watch and its drive, in which all observations and controls change."""
         self._needs_driver()
         if "_shared_weaving" not in vars(type(self)):
             watch = Watch(Stanley(), weaving)

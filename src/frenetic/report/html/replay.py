@@ -13,7 +13,7 @@ from frenetic.campaign.record import Test
 from frenetic.oracle.drive import Drive
 from frenetic.report.html.page import Report, render
 from frenetic.report.html.tests import COLUMNS, drive_data
-from frenetic.report.scene import look, road_of
+from frenetic.report.judged_drive import judge_drive, road_of
 from frenetic.road import Road
 
 _HEIGHT: Final = 900  # px
@@ -72,7 +72,7 @@ def animate(thing: Drive | Test, *, road: Road | None = None) -> Replay:
             f"the drive of {thing!r} is missing: it was not driven, or was read without trajectory"
         )
     road = road_of(drive, road)
-    judged = look(road, drive)
+    judged = judge_drive(road, drive)
     result = judged.result if test is None else test.result
     segment = segment_of(road, judged.drive, result.finding)
     title = "Drive" if test is None else f"Test {test.id}"
