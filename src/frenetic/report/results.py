@@ -32,7 +32,8 @@ from frenetic.campaign.counts import Counts
 from frenetic.errors import CampaignError, FreneticError
 from frenetic.processes.interrupt import plain_interrupts
 from frenetic.report.failures import FAILURES, GALLERY, write_failures
-from frenetic.report.html.campaign import Reading, write_report
+from frenetic.report.html.campaign import write_report
+from frenetic.report.html.reading import Reading
 from frenetic.report.minimised import (
     MinimisedFiles,
     minimised_document,
