@@ -123,7 +123,7 @@ def _driven(
 
 
 def _print(result: BackToBack, old: Spec, new: Spec) -> None:
-    from frenetic.parts.versions import innermost, short_version
+    from frenetic.parts.records import innermost, short_version
     from frenetic.rerun.stability import Change
 
     echo(result.answer)

@@ -369,7 +369,7 @@ def _compared(
 
 def _is_as_recorded(asked: Asked, tester: RoadTester) -> bool:
     """Tell whether a test is driven with its campaign's parts, rules and conditions."""
-    from frenetic.parts.versions import differences
+    from frenetic.parts.records import differences
 
     test, setting = asked.test, tester.setting
     if test is None or test.setting is None or asked.campaign is None:
@@ -399,7 +399,7 @@ def _cannot_be_driven(tester: RoadTester, road: Road) -> str:
 
 def _who(spec: Spec, recorded: object, document: Mapping[str, Any]) -> Iterator[str]:
     """Yield which driver drove, and the recorded driver if it differs."""
-    from frenetic.parts.versions import other_version
+    from frenetic.parts.records import other_version
     from frenetic.spec.part_record import part_text
 
     driver = document["driver"]

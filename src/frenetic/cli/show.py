@@ -38,7 +38,7 @@ from frenetic.conditions.condition import as_text as conditions_text
 from frenetic.conditions.condition import condition_named
 from frenetic.errors import CampaignError, FreneticError
 from frenetic.oracle.outcome import Outcome
-from frenetic.parts.versions import innermost, short_version
+from frenetic.parts.records import innermost, short_version
 from frenetic.spec.part_record import PARTS, recorded_part
 
 if TYPE_CHECKING:

@@ -469,32 +469,3 @@ SIMULATORS: Final = Registry(
     },
     methods=("drive", "__enter__", "__exit__"),
 )
-
-
-def part_name(record: object) -> str:
-    """Return the name of a recorded part as the command line takes it.
-
-    The name of a part made of a data file is the file's name; the name of another part of the
-    user's own is its class's name.
-
-    Args:
-        record: record of the part, as `frenetic.spec.part_record.describe` makes it.
-    """
-    part = record if isinstance(record, Mapping) else {}
-    module, _, class_name = str(part.get("class", "")).rpartition(":")
-
-    def is_target(target: str) -> bool:
-        package, _, attribute = target.partition(":")
-        return class_name == attribute and f"{module}.".startswith(f"{package}.")
-
-    for registry in (STRATEGIES, DRIVERS, SIMULATORS):
-        for entry in registry.entries():
-            if is_target(entry.target):
-                return entry.name
-        for suffix, target in registry.files.items():
-            if is_target(target):
-                options = part.get("options")
-                texts = map(str, options.values()) if isinstance(options, Mapping) else ()
-                files = (text for text in texts if text.lower().endswith(suffix))
-                return re.split(r"[/\\]", next(files, class_name))[-1]
-    return class_name or "unknown"

@@ -28,7 +28,6 @@ from typing import Any, Final
 
 from frenetic.errors import describe_error
 from frenetic.parts.construction import Construction
-from frenetic.parts.registry import part_name
 from frenetic.parts.source_imports import files_of, imported_names
 from frenetic.parts.user_modules import USER_MODULE, is_local
 
@@ -38,7 +37,6 @@ _PACKAGE: Final = "frenetic"
 _DISTRIBUTION: Final = "frenetic-roads"
 PACKAGES: Final = (_DISTRIBUTION, "numpy", "numba", "scipy")
 """Distributions that a campaign's results depend on."""
-_MAX_OPTION_TEXT: Final = 60  # most characters of an option in a text for people; our choice
 
 
 @dataclass(frozen=True)
@@ -276,79 +274,3 @@ def _digest(path: str, size: int, changed: int) -> str:  # noqa: ARG001  # part 
     """Return the SHA-256 of a file of this size and time of change."""
     with Path(path).open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
-
-
-# Records of parts, see `frenetic.spec.part_record.describe`
-
-
-def over_each_other(record: object) -> Iterator[Mapping[str, Any]]:
-    """Yield the record of a part and the records of the drivers under it, outermost first."""
-    part = record if isinstance(record, Mapping) else {}
-    yield part
-    while isinstance(part.get("driver"), Mapping):
-        part = part["driver"]
-        yield part
-
-
-def innermost(record: object) -> Mapping[str, Any]:
-    """Return the record of the driver under all wrappers; of another part, its record."""
-    *_, inner = over_each_other(record)
-    return inner
-
-
-def differences(kind: str, before: object, now: object) -> tuple[str, ...]:
-    """Return a text about each difference of two records of a part and of the drivers under it.
-
-    Args:
-        kind: word for the part, such as ``driver``.
-        before: the earlier record.
-        now: the present record.
-    """
-    old, new = (record if isinstance(record, Mapping) else {} for record in (before, now))
-    if old.get("class") != new.get("class"):
-        return (f"{kind} is {part_name(new)}, it was {part_name(old)}",)
-    old_options, new_options = old.get("options") or {}, new.get("options") or {}
-    texts = [
-        f"{name} is {_option_text(new_options.get(name))}, it was"
-        f" {_option_text(old_options.get(name))}"
-        for name in [*old_options, *(name for name in new_options if name not in old_options)]
-        if old_options.get(name) != new_options.get(name)
-    ]
-    if old.get("version") != new.get("version"):
-        texts.append(f"it is {new.get('version')}, it was {old.get('version')}")
-    sentences = tuple(f"{kind} {part_name(new)}: {text}" for text in texts)
-    if "driver" in old or "driver" in new:
-        sentences += differences(kind, old.get("driver"), new.get("driver"))
-    return sentences
-
-
-def other_version(kind: str, before: object, now: object) -> str:
-    """Return a sentence if two records of a part differ in its version alone.
-
-    The sentence is empty for equal versions, for two different parts, and without a record. Options
-    and wrappers are not compared.
-    """
-    old, new = (innermost(record) for record in (before, now))
-    if old.get("class") != new.get("class") or old.get("version") == new.get("version"):
-        return ""
-    return (
-        f"{kind} {part_name(new)} is another version than the campaign's: it is"
-        f" {new.get('version')}, it was {old.get('version')}"
-    )
-
-
-def comparison_key(*records: object) -> str:
-    """Return a text that is equal for equal records of parts."""
-    return json.dumps(records, sort_keys=True)
-
-
-def short_version(record: object) -> str:
-    """Return the version in a part's record; empty if the record has none."""
-    version = record.get("version") if isinstance(record, Mapping) else None
-    return str(version or "")
-
-
-def _option_text(value: object) -> str:
-    """Return an option as JSON, cut to `_MAX_OPTION_TEXT` characters."""
-    text = json.dumps(value)
-    return text if len(text) <= _MAX_OPTION_TEXT else f"{text[: _MAX_OPTION_TEXT - 3]}..."

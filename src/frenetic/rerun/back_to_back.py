@@ -28,7 +28,7 @@ from frenetic.conditions.domain import Domain
 from frenetic.drivers import Driver
 from frenetic.errors import CampaignError
 from frenetic.oracle.outcome import Outcome
-from frenetic.parts.versions import comparison_key
+from frenetic.parts.records import comparison_key
 from frenetic.rerun.campaigns import (
     RerunOptions,
 )

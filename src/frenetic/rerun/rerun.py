@@ -34,7 +34,8 @@ from frenetic.drivers import Driver
 from frenetic.errors import CampaignError
 from frenetic.oracle.drive import Rules
 from frenetic.oracle.outcome import Outcome
-from frenetic.parts.versions import SHORT, comparison_key, differences
+from frenetic.parts.records import comparison_key, differences
+from frenetic.parts.versions import SHORT
 from frenetic.rerun.campaigns import (
     RerunOptions,
     RerunPlan,

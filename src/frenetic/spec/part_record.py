@@ -20,15 +20,9 @@ from frenetic._support.json_value import JSONValue
 from frenetic._support.words import part_word
 from frenetic.errors import describe_error
 from frenetic.parts.construction import Construction, arguments_of, options_of
-from frenetic.parts.registry import part_name
+from frenetic.parts.records import differences, innermost, other_version, over_each_other, part_name
 from frenetic.parts.user_modules import USER_MODULE
-from frenetic.parts.versions import (
-    differences,
-    innermost,
-    other_version,
-    over_each_other,
-    version_of,
-)
+from frenetic.parts.versions import version_of
 
 # Imports inside functions below are too slow for help.
 

@@ -32,9 +32,10 @@ from frenetic.campaign.lock import lock_file
 from frenetic.campaign.summary import Summary
 from frenetic.errors import FreneticError
 from frenetic.parts.named_code import named_code
+from frenetic.parts.records import differences
 from frenetic.parts.registry import STRATEGIES
 from frenetic.parts.signatures import unsigned_text
-from frenetic.parts.versions import differences, package_versions
+from frenetic.parts.versions import package_versions
 from frenetic.plugins.bench.entrants import Entrant, entrant_parts, folder_names
 from frenetic.plugins.bench.presets import Preset
 from frenetic.plugins.bench.processes import run_all

@@ -27,7 +27,7 @@ from frenetic.campaign.store import CampaignStore
 from frenetic.campaign.summary import facts_text
 from frenetic.campaign.warm_start import still_failing
 from frenetic.conditions.condition import as_text
-from frenetic.parts.versions import innermost, short_version
+from frenetic.parts.records import innermost, short_version
 from frenetic.report.html.page import DataBlock, percent
 from frenetic.rerun.estimate import FailureRate
 from frenetic.spec.part_record import PARTS, recorded_part
