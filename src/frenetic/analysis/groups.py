@@ -23,7 +23,7 @@ from frenetic.parts.registry import part_name
 from frenetic.parts.versions import short_version
 from frenetic.road import profile
 from frenetic.road.classes import RoadClass
-from frenetic.spec.part_record import part_text
+from frenetic.spec.part_text import part_text
 from frenetic.spec.terms import Terms
 
 PARTS: Final = (

@@ -98,10 +98,10 @@ def _documents(kind: str) -> list[dict[str, Any]]:
 
 def _laid_by(simulator: str) -> list[str] | None:
     """Return the conditions that a simulator lays without a camera; None if unknown."""
-    from frenetic.spec import usual_of
+    from frenetic.spec import simulator_defaults
 
     try:
-        usual = usual_of(simulator)
+        usual = simulator_defaults(simulator)
     except FreneticError:  # its package is broken
         return None
     rows = known_conditions().values()

@@ -31,7 +31,7 @@ from contextlib import suppress
 from importlib.util import find_spec
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any, Final, NamedTuple, TypeAlias, TypedDict
+from typing import Any, Final, NamedTuple, TypeAlias
 
 from frenetic._support.files import write_file
 from frenetic._support.json_value import plain
@@ -324,16 +324,6 @@ class CodeClaim(NamedTuple):
     """Folder of the code, as the file says."""
     sources: object = None
     """Sources that the file stores, as for `sign`."""
-
-
-class TrustOptions(TypedDict, total=False):
-    """Options of `require_trusted`, which says what they mean."""
-
-    named: Parts
-    needed: Parts | None
-    is_trusted: bool
-    is_toml: bool
-    optional: Collection[str]
 
 
 def require_trusted(

@@ -32,7 +32,7 @@ from frenetic.campaign.summary import Event, EventKind, Progress, Summary
 from frenetic.campaign.tester import RoadTester
 from frenetic.errors import CampaignError
 from frenetic.parts.registry import DRIVERS, absolute_files
-from frenetic.parts.trust import NOT_DRIVING, REGISTRIES
+from frenetic.parts.trust import NOT_DRIVING, REGISTRIES, require_trusted
 from frenetic.parts.user_modules import user_folders
 from frenetic.parts.versions import sources_named
 from frenetic.processes.interrupt import catch_interrupt
@@ -289,8 +289,9 @@ def as_recorded(
     with CampaignStore.open(folder) as store:
         sources: Any = store.fact(SOURCES)
         driving = {kind: part for kind, part in spec.parts.items() if kind not in NOT_DRIVING}
-        code_folder = signed_spec(store).require_trusted(
-            folder, needed=driving, sources=sources, is_trusted=is_trusted, optional=()
+        claim = signed_spec(store).code_claim(sources=sources)
+        code_folder = require_trusted(
+            folder, claim, needed=driving, is_trusted=is_trusted, optional=()
         )
     sources = sources if isinstance(sources, Mapping) else {}
     driver = spec.part("driver")

@@ -75,7 +75,8 @@ from frenetic.rerun.estimate import FailureRate
 from frenetic.rerun.rerun import in_other_simulators, own_repeats, read_reruns
 from frenetic.search.records import Candidate
 from frenetic.spec import FILE
-from frenetic.spec.part_record import PARTS, recorded_part
+from frenetic.spec.part_text import recorded_part
+from frenetic.spec.parts import PARTS
 
 FILMS: Final = "frenetic.films"
 """Group of entry points. Each is a function of a campaign's configuration that returns a function
