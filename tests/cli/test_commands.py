@@ -102,7 +102,7 @@ MISTAKES: Final = [
     ("run --odd windy.toml --simulator metadrive", "MetaDriveSimulator cannot vary gust"),
     ("run --odd foggy.toml", "fog changes what a camera sees, and the driver has none"),
     ("run --workers nowhere", "neither a number nor the address of a Dask scheduler"),
-    (f"run --workers 1{400 * '0'}", "'--workers'", "0 workers are given: 1 to 1024 are allowed"),
+    (f"run --workers 1{400 * '0'}", "'--workers'", "0: 1 to 1024 are allowed"),
     ("run --criteria speed_limit=0", "speed_limit is 0"),
     ("run --out c", "c already holds a campaign"),
     ("run --out ''", "an empty name"),

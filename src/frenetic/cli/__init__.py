@@ -131,7 +131,7 @@ class Invocation:
 
     def __str__(self) -> str:
         """Return the command line for pasting into a shell."""
-        from frenetic.cli.console import shell  # slower than help may be
+        from frenetic.cli.console import shell  # imports too slowly for --help
 
         return " ".join(["frenetic", *map(shell, self.words)])
 

@@ -13,7 +13,8 @@ from typing import Any
 import click
 
 from frenetic.cli import echo
-from frenetic.cli.entries import CommandOptions, entry_options
+from frenetic.cli.command_options import CommandOptions
+from frenetic.cli.entries import entry_options
 from frenetic.cli.options import as_usage_error, folder_option
 from frenetic.spec import Spec
 

@@ -14,9 +14,10 @@ import click
 from rich.markup import escape
 
 from frenetic.cli import echo
+from frenetic.cli.command_options import CommandOptions
 from frenetic.cli.compare_versions import compare_versions
 from frenetic.cli.console import Log, print_table
-from frenetic.cli.entries import CommandOptions, as_option, entry_option, trust_option, was_given
+from frenetic.cli.entries import as_option, entry_option, trust_option, was_given
 from frenetic.cli.options import (
     NewFile,
     count_option,

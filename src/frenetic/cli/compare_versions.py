@@ -12,8 +12,8 @@ from msgspec import structs
 
 from frenetic._support.words import counted, part_word
 from frenetic.cli import echo
+from frenetic.cli.command_options import CommandOptions
 from frenetic.cli.console import Log, print_table, shell
-from frenetic.cli.entries import CommandOptions
 from frenetic.cli.rerun_options import campaign_source, interrupted, shown_driving
 from frenetic.errors import CampaignError, FreneticError
 from frenetic.spec import Spec

@@ -13,22 +13,10 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from frenetic.cli import echo
-from frenetic.cli.console import (
-    Log,
-    announced_compilation,
-    facts_of_drive,
-    limit_text,
-    print_facts,
-    print_measures,
-    shell,
-)
-from frenetic.cli.entries import (
-    CommandOptions,
-    entry_option,
-    entry_options,
-    part_options,
-    trust_option,
-)
+from frenetic.cli.command_options import CommandOptions
+from frenetic.cli.console import Log, announced_compilation, print_facts, shell
+from frenetic.cli.drive_facts import facts_of_drive, limit_text, print_measures
+from frenetic.cli.entries import entry_option, entry_options, part_options, trust_option
 from frenetic.cli.options import (
     NewFile,
     file_option,
@@ -400,7 +388,7 @@ def _cannot_be_driven(tester: RoadTester, road: Road) -> str:
 def _who(spec: Spec, recorded: object, document: Mapping[str, Any]) -> Iterator[str]:
     """Yield which driver drove, and the recorded driver if it differs."""
     from frenetic.parts.versions import other_version
-    from frenetic.spec.part_record import part_text
+    from frenetic.spec.part_text import part_text
 
     driver = document["driver"]
     now = part_text(driver, recorded, word=spec.driver)

@@ -12,8 +12,9 @@ import click
 
 from frenetic._support.words import counted
 from frenetic.cli import Invocation, echo
+from frenetic.cli.command_options import CommandOptions
 from frenetic.cli.console import Log, shell, this_command
-from frenetic.cli.entries import CommandOptions, entry_option, part_options, trust_option
+from frenetic.cli.entries import entry_option, part_options, trust_option
 from frenetic.cli.options import (
     as_usage_error,
     count_option,

@@ -13,8 +13,9 @@ import click
 
 from frenetic._support.words import counted
 from frenetic.cli import complain, echo
+from frenetic.cli.command_options import CommandOptions
 from frenetic.cli.console import Log, print_facts, shell, this_command
-from frenetic.cli.entries import CommandOptions, part_options, trust_option
+from frenetic.cli.entries import part_options, trust_option
 from frenetic.cli.options import (
     as_usage_error,
     count_option,

@@ -13,16 +13,17 @@ import click
 
 from frenetic._support.words import counted, oob_unit
 from frenetic.cli import echo
+from frenetic.cli.command_options import CommandOptions
 from frenetic.cli.console import Log, print_table, shell, two_digits
-from frenetic.cli.entries import CommandOptions, part_options, trust_option
+from frenetic.cli.entries import part_options, trust_option
 from frenetic.cli.options import (
-    AskedRange,
+    NamedRange,
     NewFile,
     campaign_argument,
     count_option,
     file_option,
     json_option,
-    ranges,
+    range_type,
     workers_option,
 )
 from frenetic.cli.rerun_options import (
@@ -45,7 +46,7 @@ VARIED_TIMES: Final = 20
 """Default number of drives of each test if something is varied."""
 
 
-def variation(asked: AskedRange, tester: RoadTester) -> Variation:
+def variation(asked: NamedRange, tester: RoadTester) -> Variation:
     """Return the range of a condition; without limits, the usual range for a tester."""
     from frenetic.rerun.variations import Variation
 
@@ -66,7 +67,7 @@ def variation(asked: AskedRange, tester: RoadTester) -> Variation:
 @click.option(
     "--vary",
     "asked",
-    type=ranges("friction=0.8:1.0"),
+    type=range_type("friction=0.8:1.0"),
     multiple=True,
     help="What differs between the drives, as in --vary friction=0.8:1.0; a name alone means"
     " its usual range ('frenetic list conditions'), around a test's own amount. May be repeated.",
@@ -92,7 +93,7 @@ def rerun(
     top: int | None,
     everything: bool,
     times: int | None,
-    asked: tuple[AskedRange, ...],
+    asked: tuple[NamedRange, ...],
     workers: int,
     out: Path | None,
     junit: Path | None,
@@ -104,7 +105,7 @@ def rerun(
 
     Each road is driven where it lay on the map, in its conditions, as the campaign drove it unless
     options change that: without any, the command says whether failures repeat. With --vary each
-    drive is in its own conditions, drawn from the ranges: a failure is fragile if it is surely
+    drive is in its own conditions, drawn from the range_type: a failure is fragile if it is surely
     there in less than half of them, robust if in half or more. Amounts that --vary, --with or
     --simulator give win over a test's own. Another --driver shows what is fixed, another
     --simulator what says something of the driver. A failure is the same if it is on the same side

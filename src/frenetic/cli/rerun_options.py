@@ -11,9 +11,10 @@ from typing import TYPE_CHECKING
 import click
 
 from frenetic.cli import Invocation
+from frenetic.cli.command_options import CommandOptions, PartsSource
 from frenetic.cli.console import Log, announced_compilation, counted_progress, this_command
-from frenetic.cli.entries import CommandOptions, PartsSource, without_place
 from frenetic.cli.options import as_usage_error
+from frenetic.cli.simulator_place import without_place
 from frenetic.errors import CampaignError
 from frenetic.spec import DRIVEN, Signed, Spec, sign_driven
 

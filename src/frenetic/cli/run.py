@@ -9,20 +9,15 @@ from typing import Any, Final
 
 import click
 
-from frenetic.cli.console import limit_of_search
-from frenetic.cli.entries import (
-    CommandOptions,
-    PartsSource,
-    entry_options,
-    part_options,
-    trust_option,
-)
+from frenetic.cli.command_options import CommandOptions, PartsSource
+from frenetic.cli.drive_facts import limit_of_search
+from frenetic.cli.entries import entry_options, part_options, trust_option
 from frenetic.cli.options import folder_option, json_option
 from frenetic.cli.search import fail_on_failure_option, make_campaign, search
 from frenetic.conditions.condition import as_text
 from frenetic.parts.trust import is_here
 from frenetic.spec import Spec
-from frenetic.spec.part_record import PARTS
+from frenetic.spec.parts import PARTS
 
 DEFAULT_SIMULATIONS: Final = 1000
 

@@ -13,17 +13,13 @@ import click
 
 from frenetic._support.words import counted, format_duration, rate_words
 from frenetic.cli import echo
-from frenetic.cli.console import (
-    Log,
-    announced_compilation,
+from frenetic.cli.console import Log, announced_compilation, live_progress, shell, this_command
+from frenetic.cli.failure_tables import (
     causes_json,
     clusters_json,
     first_error,
-    live_progress,
     print_causes,
     print_failures,
-    shell,
-    this_command,
 )
 from frenetic.cli.options import as_usage_error
 from frenetic.errors import BrokenDriverError, CampaignError, CampaignGoneError

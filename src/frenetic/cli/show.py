@@ -12,34 +12,30 @@ import click
 
 from frenetic._support.words import counted, oob_unit, simulated_time
 from frenetic.cli import echo
-from frenetic.cli.console import (
+from frenetic.cli.console import print_facts, print_table, shell, two_digits
+from frenetic.cli.drive_facts import facts_of_drive, limit_of_search, limit_text
+from frenetic.cli.failure_tables import (
     causes_json,
     clusters_json,
-    facts_of_drive,
     first_error,
-    limit_of_search,
-    limit_text,
     print_causes,
-    print_facts,
     print_failures,
-    print_table,
-    shell,
-    two_digits,
 )
 from frenetic.cli.options import (
-    AskedRange,
+    NamedRange,
     as_usage_error,
     campaign_argument,
     count_option,
     json_option,
-    ranges,
+    range_type,
 )
 from frenetic.conditions.condition import as_text as conditions_text
 from frenetic.conditions.condition import condition_named
 from frenetic.errors import CampaignError, FreneticError
 from frenetic.oracle.outcome import Outcome
 from frenetic.parts.versions import innermost, short_version
-from frenetic.spec.part_record import PARTS, recorded_part
+from frenetic.spec.part_text import recorded_part
+from frenetic.spec.parts import PARTS
 
 if TYPE_CHECKING:
     from frenetic.analysis.coverage import DomainCoverage
@@ -65,7 +61,7 @@ LISTED_TESTS: Final = 20
 @click.option(
     "--feature",
     "features",
-    type=ranges("max_curvature=0.05:0.07", values=False),
+    type=range_type("max_curvature=0.05:0.07", allows_value=False),
     multiple=True,
     help="List the tests with a feature or condition in a range, as in max_curvature=0.05:0.07 or"
     " friction=0.3:0.5, or show its values: friction; may be repeated.",
@@ -87,7 +83,7 @@ def show(
     campaign: Path,
     test_id: int | None,
     outcomes: tuple[str, ...],
-    features: tuple[AskedRange, ...],
+    features: tuple[NamedRange, ...],
     sort: str | None,
     limit: int | None,
     follow: bool,
@@ -132,7 +128,7 @@ def show(
 def _list_tests(
     store: CampaignStore,
     outcomes: tuple[str, ...],
-    features: tuple[AskedRange, ...],
+    features: tuple[NamedRange, ...],
     sort: str,
     limit: int | None,
     as_json: bool,
