@@ -17,6 +17,10 @@ from frenetic._support.words import parse_duration
 from frenetic.errors import FreneticError
 from frenetic.spec import MAX_WORKERS
 
+DEFAULT_SIMULATIONS: Final = 1000
+"""Budget of a search without --simulations, --time and --failures, in drives (our choice)."""
+SEED_LIMIT: Final = 2**31
+"""Drawn seeds are below this number, so that every random generator takes them."""
 WORKERS_TYPE: Final = click.IntRange(1, MAX_WORKERS)
 """Option type of a number of workers."""
 

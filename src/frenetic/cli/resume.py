@@ -1,4 +1,4 @@
-"""The command that resumes a campaign: resume."""
+"""The command `resume`, which continues a campaign."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Shared parts of the commands that search: run, resume."""
+"""What run and resume share: making a campaign, searching, printing progress and results."""
 
 from __future__ import annotations
 
@@ -7,12 +7,12 @@ import sys
 from collections.abc import Callable
 from contextlib import ExitStack, chdir, redirect_stdout
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
 import click
 
 from frenetic._support.words import counted, format_duration, rate_words
-from frenetic.cli import echo
+from frenetic.cli import INTERRUPTED, echo
 from frenetic.cli.console import Log, announced_compilation, live_progress, shell, this_command
 from frenetic.cli.failure_tables import (
     causes_json,
@@ -29,6 +29,10 @@ if TYPE_CHECKING:
     from frenetic.report.results import Results, Step
     from frenetic.spec import Spec
 
+_MORE_DRIVES_FACTOR: Final = 9
+"""Advised number of further drives after a search without failures, as a multiple of its drives:
+ten times as many in all (our choice)."""
+
 fail_on_failure_option = click.option(
     "--fail-on-failure",
     is_flag=True,
@@ -36,25 +40,25 @@ fail_on_failure_option = click.option(
 )
 
 
-def make_campaign(spec: Spec, folder: Path, place: Path) -> Campaign:
+def make_campaign(spec: Spec, folder: Path, code_folder: Path) -> Campaign:
     """Return the campaign of a command line.
 
     Args:
-        spec: of the campaign.
-        folder: for its results.
-        place: folder from which its parts are loaded.
+        spec: spec of the campaign.
+        folder: folder for its results.
+        code_folder: folder from which its parts are loaded.
 
     Raises:
-        click.UsageError: the options are out of range.
+        click.UsageError: an option is out of range.
     """
     from frenetic.campaign import Campaign
 
-    with announced_compilation(Log()), as_usage_error(), chdir(place):
+    with announced_compilation(Log()), as_usage_error(), chdir(code_folder):
         return Campaign.of(spec, folder=folder, isolate=True)
 
 
-def _resume_words(folder: Path) -> str:
-    """Return the command line that goes on with the campaign of the present one."""
+def _resume_command(folder: Path) -> str:
+    """Return the command line that resumes the campaign of the present command."""
     workers: Spec | None = click.get_current_context().params["workers"]
     option = "" if workers is None else f" --workers {shell(str(workers.workers))}"
     return f"frenetic resume {shell(folder)}{option}"
@@ -74,10 +78,15 @@ def search(
     Args:
         campaign: the campaign.
         run_search: `frenetic.report.results.run` or `resume`.
-        announcement: the first line.
+        announcement: the first line that is printed.
         as_json: whether to print the result as JSON.
-        seed: of the strategy.
+        seed: seed of the strategy, for the JSON.
         fail_on_failure: whether the exit code is 1 if a test failed or the simulator broke.
+
+    Raises:
+        CampaignError: the campaign cannot start or go on; the message says how to continue.
+        click.exceptions.Exit: the search was interrupted (130), no drive was judged, or
+            `fail_on_failure` says so (1).
     """
     printer = _Printer(campaign, announcement, as_json, seed)
     try:
@@ -90,57 +99,64 @@ def search(
         if isinstance(error, CampaignGoneError):
             if error.place is None:
                 raise
-            raise CampaignError(f"{error}: {_resume_words(error.place)}") from error
-        words = f"go on: {_resume_words(campaign.folder)}"
+            raise CampaignError(f"{error}: {_resume_command(error.place)}") from error
+        advice = f"go on: {_resume_command(campaign.folder)}"
         if isinstance(error, BrokenDriverError):
-            words = f"mend it, then {campaign.next_campaign()}"
-        raise CampaignError(f"{error}; {words}") from error
+            advice = f"mend it, then {campaign.next_campaign()}"
+        raise CampaignError(f"{error}; {advice}") from error
     except KeyboardInterrupt:  # before or after the search, which itself ends in order
         if not campaign.started:
             raise
-        echo(f"frenetic: interrupted; go on: {_resume_words(campaign.folder)}", err=True)
-        raise click.exceptions.Exit(130) from None
-    printer.end()
+        echo(f"frenetic: interrupted; go on: {_resume_command(campaign.folder)}", err=True)
+        raise click.exceptions.Exit(INTERRUPTED) from None
+    printer.print_total_time()
     if summary.interrupted:
-        raise click.exceptions.Exit(130)
-    if fail_on_failure and (summary.failed or summary.errors):
-        raise click.exceptions.Exit(1)
-    if not summary.passed + summary.failed:
+        raise click.exceptions.Exit(INTERRUPTED)
+    is_judged = summary.passed + summary.failed > 0
+    if not is_judged or (fail_on_failure and (summary.failed or summary.errors)):
         raise click.exceptions.Exit(1)
 
 
 class _Printer:
-    """Prints the events of a search, and each result as soon as it exists.
+    """A printer of a search's events, and of its results as soon as they exist.
 
     Args:
         campaign: the campaign.
-        announcement: the first line.
+        announcement: the first line that is printed.
         as_json: whether to print the result as JSON.
-        seed: of the strategy.
+        seed: seed of the strategy, for the JSON.
     """
 
     def __init__(self, campaign: Campaign, announcement: str, as_json: bool, seed: object) -> None:
         self._campaign, self._announcement = campaign, announcement
         self._as_json, self._seed = as_json, seed
         self._log, self._command = Log(), this_command()
-        self._searching, self._working = ExitStack(), ExitStack()
+        self._search_display, self._step_display = ExitStack(), ExitStack()
         self._not_repeatable = ""
-        self._started: tuple[float, float] | None = None  # s to start, s of earlier commands
-        self._search_times = self._shortening = ""
-        self._began = 0.0  # when the present step began, in s of the command
+        """Note why the search does not repeat, once it was printed."""
+        self._start_seconds: tuple[float, float] | None = None
+        """Seconds until the first drive, and seconds of earlier commands' searches; None before."""
+        self._search_times = ""
+        """Text about the time of the search; empty until it has ended."""
+        self._shortening_time = ""
+        """Time in which failing roads were shortened; empty without this step."""
+        self._is_shortening = False
+        self._step_began = 0.0
+        """Time at which the present step began, in s since the command began."""
 
     def __enter__(self) -> None:
-        self._compiled = self._searching.enter_context(announced_compilation(self._log))
-        self._show = self._searching.enter_context(live_progress(self._log))
-        self._searching.enter_context(redirect_stdout(sys.stderr))  # a strategy's prints, say
+        display = self._search_display
+        self._end_announcement = display.enter_context(announced_compilation(self._log))
+        self._show_progress = display.enter_context(live_progress(self._log))
+        display.enter_context(redirect_stdout(sys.stderr))  # for what a strategy prints
 
     def __exit__(self, *error: object) -> None:
-        self._working.close()
-        self._searching.close()
+        self._step_display.close()
+        self._search_display.close()
 
     def on_event(self, event: Event | Step) -> None:
         """Show an event of the search, or a step after it."""
-        from frenetic.report.results import Step  # too slow for help
+        from frenetic.report.results import Step  # imports too slowly for --help
 
         if isinstance(event, Step):
             self._on_step(event)
@@ -151,10 +167,10 @@ class _Printer:
         if event.kind == "interrupted":
             self._log.stopping()
         elif event.kind == "result":
-            self._show(event.summary)
+            self._show_progress(event.summary)
         else:
-            self._compiled()
-            self._started = self._command.seconds, event.summary.seconds
+            self._end_announcement()
+            self._start_seconds = self._command.seconds, event.summary.seconds
             self._log.print(
                 f"{self._announcement}, results in {self._campaign.folder}", markup=False
             )
@@ -162,49 +178,51 @@ class _Printer:
                 self._log.print(f"Note: {note}", markup=False)
 
     def _on_step(self, step: Step) -> None:
-        self._working.close()
-        self._working = ExitStack()
-        if self._search_times == "":
-            self._searching.close()
-            self._search_times = _search_times(self._command.seconds, self._started)
+        """Show a step after the search: it begins, or its results exist."""
+        self._step_display.close()
+        self._step_display = ExitStack()
+        if not self._search_times:  # the first step after the search
+            self._search_display.close()
+            self._search_times = _search_times(self._command.seconds, self._start_seconds)
         results = step.results
         match step.kind:
             case "shortening":
                 limit = f"{step.seconds:.0f} s at most"
-                self._begin(f"Shortening a failing road of each cause, for {limit}")
-                self._shortening = "began"
+                self._begin_step(f"Shortening a failing road of each cause, for {limit}")
+                self._is_shortening = True
             case "found":
-                self._shortening = self._taken() if self._shortening else ""
-                self._print_found(results)
+                self._shortening_time = self._step_time() if self._is_shortening else ""
+                self._print_findings(results)
             case "drawing":
-                self._begin("Drawing them")
+                self._begin_step("Drawing them")
             case "drawn":
-                self._print_drawn(results, self._taken())
+                self._print_pictures(results)
             case "reporting":
-                self._begin("Writing the report")
+                self._begin_step("Writing the report")
             case "reported" if results.report is None:
                 self._log.print(results.notes[-1], markup=False)
             case "reported":
-                self._say(f"Report:      {results.report} (in {self._taken()})")
+                self._print_text(f"Report:      {results.report} (in {self._step_time()})")
 
-    def end(self) -> None:
-        """Print the last line."""
-        self._say(f"In all:      {format_duration(self._command.seconds)}")
+    def print_total_time(self) -> None:
+        """Print the last line: the time that the command took."""
+        self._print_text(f"In all:      {format_duration(self._command.seconds)}")
 
-    def _begin(self, text: str) -> None:
-        self._began = self._command.seconds
-        self._working.enter_context(self._log.status(text))
+    def _begin_step(self, text: str) -> None:
+        """Show a text on the terminal until the next step."""
+        self._step_began = self._command.seconds
+        self._step_display.enter_context(self._log.status(text))
 
-    def _taken(self) -> str:
-        """Return the time that the present step took."""
-        return format_duration(self._command.seconds - self._began)
+    def _step_time(self) -> str:
+        """Return the time since the present step began."""
+        return format_duration(self._command.seconds - self._step_began)
 
-    def _say(self, text: str) -> None:
+    def _print_text(self, text: str) -> None:
         """Print a line of the result, unless the result is printed as JSON."""
         if not self._as_json:
             echo(text)
 
-    def _print_found(self, results: Results) -> None:
+    def _print_findings(self, results: Results) -> None:
         """Print counts, causes or near misses, notes and the next command."""
         from frenetic.campaign import CampaignStore
         from frenetic.campaign.objective_values import worst_criterion_text
@@ -213,20 +231,24 @@ class _Printer:
         summary, findings, folder = results.summary, results.findings, results.folder
         misses, counts = findings.misses, findings.counts
         if summary is not None and self._as_json:
-            more = {
+            findings_json = {
                 "distinct_failures": len(findings.clusters),
                 "causes": causes_json(findings.clusters, results.shortened),
                 "near_misses": [] if misses is None else clusters_json(misses),
                 "notes": list(results.notes),
                 "seed": self._seed,
             }
-            echo(json.dumps(summary.as_json() | more))
+            echo(json.dumps(summary.as_json() | findings_json))
         elif not self._as_json:
             with CampaignStore.open(folder) as store:
                 if summary is not None:
-                    worst, failing = worst_criterion_text(store), still_failing(store)
-                    error = first_error(store)
-                    _print_summary(summary, self._search_times, worst, error, failing)
+                    _print_summary(
+                        summary,
+                        self._search_times,
+                        worst=worst_criterion_text(store),
+                        first_error=first_error(store),
+                        still_failing=still_failing(store),
+                    )
                 if misses is None:
                     print_causes(findings.clusters, counts, results.shortened)
                 else:
@@ -235,49 +257,63 @@ class _Printer:
                 echo(f"Note: {note}")
         if summary is None:
             return
-        go_on = _next_command(folder, summary, is_clean=misses is not None)
-        if go_on and (summary.interrupted or not self._as_json):
-            echo(f"Go on:       {go_on}", err=self._as_json)
-        self._say(f"Results:     {folder}")
-        if self._shortening:
+        next_command = _next_command(folder, summary, has_failures=misses is None)
+        if next_command and (summary.interrupted or not self._as_json):
+            echo(f"Go on:       {next_command}", err=self._as_json)
+        self._print_text(f"Results:     {folder}")
+        if self._shortening_time:
             roads = counted(len(results.shortened), "failing road")
-            self._say(f"Shortened:   {roads} (in {self._shortening})")
+            self._print_text(f"Shortened:   {roads} (in {self._shortening_time})")
 
-    def _print_drawn(self, results: Results, taken: str) -> None:
+    def _print_pictures(self, results: Results) -> None:
         """Print where the pictures are, and how to look closer."""
         from frenetic.report.minimised import minimised_road
 
-        folder, first = results.folder, results.findings.listed[0].id
-        self._say(f"At a glance: {results.gallery} (in {taken})")
-        self._say(f"Look closer: frenetic show {shell(folder)} {first}")
-        if first in results.shortened:
-            self._say(f"Drive it:    frenetic drive {shell(minimised_road(folder, first))}")
+        folder, test_id = results.folder, results.findings.listed[0].id
+        self._print_text(f"At a glance: {results.gallery} (in {self._step_time()})")
+        self._print_text(f"Look closer: frenetic show {shell(folder)} {test_id}")
+        if test_id in results.shortened:
+            road = minimised_road(folder, test_id)
+            self._print_text(f"Drive it:    frenetic drive {shell(road)}")
 
 
-def _search_times(seconds: float, started: tuple[float, float] | None) -> str:
+def _search_times(seconds: float, start_seconds: tuple[float, float] | None) -> str:
     """Return the time that the user waited for a search, and the part before the first drive.
 
     Args:
-        seconds: since the command began, in s.
-        started: s that the command took to start, and s that earlier commands searched; None if it
-            did not start.
+        seconds: time since the command began, in s.
+        start_seconds: time in s until the first drive, and time in s of earlier commands' searches;
+            None if the search did not start.
     """
-    if started is None:
+    if start_seconds is None:
         return format_duration(seconds)
-    start, earlier = started
-    return f"{format_duration(seconds + earlier)}, {format_duration(start)} of it to start"
+    until_first_drive, earlier = start_seconds
+    total = format_duration(seconds + earlier)
+    return f"{total}, {format_duration(until_first_drive)} of it to start"
 
 
-def _next_command(folder: Path, summary: Summary, *, is_clean: bool) -> str:
+def _next_command(folder: Path, summary: Summary, *, has_failures: bool) -> str:
     """Return the command that goes on with a search; empty if it ended with failures."""
     if summary.interrupted:
-        return _resume_words(folder)
-    if is_clean and summary.tests and not summary.ended:
-        return f"frenetic resume {shell(folder)} --simulations {9 * summary.simulations}"
+        return _resume_command(folder)
+    if not has_failures and summary.tests and not summary.ended:
+        drives = _MORE_DRIVES_FACTOR * summary.simulations
+        return f"frenetic resume {shell(folder)} --simulations {drives}"
     return ""
 
 
-def _print_summary(summary: Summary, times: str, worst: str, error: str, failing: str) -> None:
+def _print_summary(
+    summary: Summary, times: str, *, worst: str, first_error: str, still_failing: str
+) -> None:
+    """Print the counts of a search, and what its user has to know about it.
+
+    Args:
+        summary: summary of the search.
+        times: text about its time.
+        worst: text about the criterion that came nearest to its limit; empty without criteria.
+        first_error: reason of the first test in which the simulator broke; empty without one.
+        still_failing: text about earlier failures that were driven again; empty without.
+    """
     from frenetic.campaign.summary import facts_text
 
     stopped = "Interrupted: " if summary.interrupted else ""
@@ -289,12 +325,12 @@ def _print_summary(summary: Summary, times: str, worst: str, error: str, failing
     echo(summary.as_text())
     if summary.slow_driver_text:
         echo(summary.slow_driver_text)
-    if failing:
-        echo(failing)
+    if still_failing:
+        echo(still_failing)
     if metrics := facts_text(summary.facts):
         echo(f"Search:      {metrics}")
-    if error:
-        echo(f"The first error: {error}")
+    if first_error:
+        echo(f"The first error: {first_error}")
     if summary.ended:
         echo(f"The strategy ended the search: {summary.ended}")
     if summary.not_repeatable:
