@@ -20,7 +20,7 @@ def counted(number: int, noun: str, plural: str | None = None) -> str:
 
 
 def capitalised(text: str) -> str:
-    """Return a text with a capital first letter; the other letters stay."""
+    """Return a text with a capital first letter and its other letters unchanged."""
     return text[:1].upper() + text[1:]
 
 
@@ -30,20 +30,26 @@ def present_moment() -> str:
 
 
 def pip_install(extra: str) -> str:
-    """Return the words that install an extra of Frenetic, from a clone."""
+    """Return the advice to install an extra of Frenetic in its clone."""
     return f'pip install ".[{extra}]" in the clone of Frenetic'
 
 
 def signed(value: float | None, digits: int = 2, none: str = "–") -> str:
-    """Return a number with a proper minus sign; ``none`` for None."""
+    """Return a number with the sign − for minus.
+
+    Args:
+        value: the number; None if it is unknown.
+        digits: number of decimals.
+        none: text for an unknown number.
+    """
     return none if value is None else f"{value:.{digits}f}".replace("-", "−")
 
 
 def oob_words(oob: float | None, lane_width: float) -> str:
-    """Return an oob distance with the largest possible one: ``1.74 of 1.75 m``, ``−0.52 m``.
+    """Return an oob distance beside the largest possible: ``1.74 of 1.75 m``, ``−0.52 m`` outside.
 
     Args:
-        oob: oob distance, in m; None if unknown.
+        oob: oob distance, in m; None if it is unknown.
         lane_width: width of the lane, in m: half of it is the largest oob distance.
     """
     if oob is None:
@@ -54,7 +60,7 @@ def oob_words(oob: float | None, lane_width: float) -> str:
 
 
 def lane_words(oob: float, lane_width: float) -> str:
-    """Return a place in words: ``1.74 of 1.75 m inside its lane``, ``0.52 m outside its lane``.
+    """Return where the car was: ``1.74 of 1.75 m inside its lane``, ``0.52 m outside its lane``.
 
     Args:
         oob: oob distance of the car's centre, in m.
@@ -71,7 +77,11 @@ def oob_unit(lane_width: float) -> str:
 
 
 def rate_words(rate: float | None) -> str:
-    """Return a rate in tests per second, or per minute or hour where tests are few."""
+    """Return a rate as a text, per second, minute or hour, so that its number is at least 1.
+
+    Args:
+        rate: tests per second; None if it is unknown.
+    """
     if rate is None:
         return "-"
     if rate == 0.0:
@@ -92,14 +102,15 @@ def number_word(value: object) -> str:
     return str(value).removesuffix(".0")
 
 
-_UNITS: Final = {"h": 3600.0, "m": 60.0, "s": 1.0}
+_UNIT_SECONDS: Final = {"h": 3600.0, "m": 60.0, "s": 1.0}
+"""Unit of a time -> its length, in s."""
 _NUMBER: Final = r"\d+(?:\.\d+)?"
-_PATTERN: Final = re.compile(
+_DURATION: Final = re.compile(
     rf"(?:(?P<h>{_NUMBER})h)?(?:(?P<m>{_NUMBER})m)?(?:(?P<s>{_NUMBER})s)?|(?P<alone>{_NUMBER})"
 )
+"""Pattern of a time with units, or of a number of seconds alone."""
 
-
-_AS_IN_PYTHON: Final = {"True": True, "False": False, "None": None}
+_PYTHON_CONSTANTS: Final = {"True": True, "False": False, "None": None}
 
 
 def read_setting(text: str) -> Any:
@@ -110,13 +121,13 @@ def read_setting(text: str) -> Any:
     Raises:
         ValueError: the text is JSON with too deep nesting or too large a number.
     """
-    if text in _AS_IN_PYTHON:
-        return _AS_IN_PYTHON[text]
+    if text in _PYTHON_CONSTANTS:
+        return _PYTHON_CONSTANTS[text]
     for read in (read_json, float):
         try:
             value = read(text)
             if isinstance(value, int):
-                float(value)  # a part may calculate with it
+                float(value)  # raises for a number too large to calculate with
         except (BeyondLimitsError, OverflowError) as error:
             raise ValueError(f"{text[:20]}...: {error}") from None
         except ValueError:
@@ -125,7 +136,8 @@ def read_setting(text: str) -> Any:
     return text
 
 
-_PIECE: Final = re.compile(r'"(?:[^"\\]|\\.)*"|[^,"\[\]{}]+|[\[\]{},"]')  # piece of a part's text
+_PIECE: Final = re.compile(r'"(?:[^"\\]|\\.)*"|[^,"\[\]{}]+|[\[\]{},"]')
+"""Pattern of a piece of a part's text: a quoted text, a bracket, a comma, or what lies between."""
 
 
 def read_part(text: str) -> tuple[str | None, dict[str, Any]]:
@@ -134,35 +146,45 @@ def read_part(text: str) -> tuple[str | None, dict[str, Any]]:
     A comma separates, unless it is quoted or within brackets: ``sites=[1,2]``, ``path="a,b"``.
 
     Raises:
-        ValueError: an option has no value, stands twice, or its value cannot be read.
+        ValueError: an option has no value, is there twice, or its value cannot be read.
     """
-    ends, depth = [-1], 0
-    for piece in _PIECE.finditer(text):
-        depth += (piece[0] in "[{") - (piece[0] in "]}")
-        if piece[0] == "," and depth == 0:
-            ends.append(piece.start())
-    items = [text[end + 1 : following] for end, following in pairwise([*ends, len(text)])]
-    first = str(read_setting(items[0])) if items[0][:1] == '"' else items[0].strip()
-    is_name = items[0][:1] == '"' or "=" not in items[0]
+    first, *others = _split_at_commas(text)
+    is_quoted = first.startswith('"')
+    has_name = is_quoted or "=" not in first
+    part_name = str(read_setting(first)) if is_quoted else first.strip()
     options: dict[str, Any] = {}
-    for item in items[is_name:]:
+    for item in others if has_name else [first, *others]:
         name, equals, value = item.partition("=")
         if not equals or not name.strip():
-            raise ValueError(f"{item!r} is not OPTION=VALUE, as in {first or 'name'},option=1.2")
+            example = f"{part_name or 'name'},option=1.2"
+            raise ValueError(f"{item!r} is not OPTION=VALUE, as in {example}")
         if name.strip() in options:
             raise ValueError(f"the option {name.strip()} is there twice")
         options[name.strip()] = read_setting(value)
-    return first if is_name else None, options
+    return part_name if has_name else None, options
+
+
+def _split_at_commas(text: str) -> list[str]:
+    """Return the items of a part's text between the commas that separate."""
+    commas, depth = [], 0
+    for piece in _PIECE.finditer(text):
+        depth += (piece[0] in "[{") - (piece[0] in "]}")
+        if piece[0] == "," and depth == 0:
+            commas.append(piece.start())
+    return [text[before + 1 : after] for before, after in pairwise([-1, *commas, len(text)])]
 
 
 def part_word(name: str | None, options: Mapping[str, Any]) -> str:
-    """Return a part's text that `read_part` reads back."""
-    first = [] if name is None else [json.dumps(name) if set(name) & set(',="[]{}') else name]
-    return ",".join([*first, *(f"{key}={_setting(value)}" for key, value in options.items())])
+    """Return a part's text, from which `read_part` reads name and options back."""
+    items = [f"{option}={_setting_text(value)}" for option, value in options.items()]
+    if name is not None:
+        needs_quotes = not set(name).isdisjoint(',="[]{}')
+        items.insert(0, json.dumps(name) if needs_quotes else name)
+    return ",".join(items)
 
 
-def _setting(value: object) -> str:
-    """Return a value's text that `read_setting` reads back."""
+def _setting_text(value: object) -> str:
+    """Return a value's text, from which `read_setting` reads the value back."""
     if isinstance(value, str):
         is_plain = not set(value) & set(',"[]{}') and read_setting(value) == value
         return value if is_plain else json.dumps(value)
@@ -170,15 +192,15 @@ def _setting(value: object) -> str:
 
 
 def parse_duration(text: object) -> float:
-    """Return the seconds of a time such as ``90``, ``90s``, ``10m`` or ``1h30m``.
+    """Return a time such as ``90``, ``90s``, ``10m`` or ``1h30m`` in s.
 
     Raises:
         ValueError: the text is no time, or the time is 0.
     """
-    match = _PATTERN.fullmatch(str(text).strip().replace(" ", "").lower())
+    match = _DURATION.fullmatch(str(text).strip().replace(" ", "").lower())
     if match is None or not any(match.groups()):
         raise ValueError(f"{text!r} is not a time: write 90s, 10m or 1h30m")
-    seconds = sum(float(match[unit] or 0.0) * factor for unit, factor in _UNITS.items())
+    seconds = sum(float(match[unit] or 0.0) * length for unit, length in _UNIT_SECONDS.items())
     seconds += float(match["alone"] or 0.0)
     if not (math.isfinite(seconds) and seconds > 0.0):
         raise ValueError(f"{text!r} is no time: more than 0 s is needed")
@@ -186,7 +208,7 @@ def parse_duration(text: object) -> float:
 
 
 def format_duration(seconds: float) -> str:
-    """Return a time in words: ``0:07``, ``12:34`` or ``1:02:03``."""
+    """Return a time as minutes and seconds or with hours: ``0:07``, ``12:34``, ``1:02:03``."""
     whole = max(round(seconds), 0)
     minutes, second = divmod(whole, 60)
     hours, minute = divmod(minutes, 60)
@@ -196,28 +218,31 @@ def format_duration(seconds: float) -> str:
 _UNPRINTED: Final = re.compile(
     "[\x00-\x09\x0b-\x1f\x7f-\x9f\u2028-\u202e\u2066-\u2069\ud800-\udfff]"
 )
-"""Control characters other than the end of a line, signs that reverse the direction of writing or
-end a line, and characters that no UTF-8 file can hold."""
-_FORMULA: Final = ("=", "+", "-", "@", "\n")
+"""Characters that are escaped: control characters other than the end of a line, signs that change
+the direction of writing or end a line, and surrogates, which no UTF-8 file can hold."""
+_FORMULA_STARTS: Final = ("=", "+", "-", "@", "\n")
+"""First characters of texts that a spreadsheet may read as a formula."""
 
 
 def printable(text: str) -> str:
-    r"""Return a text with escaped control characters, such as ``\x1b``; line ends stay."""
+    r"""Return a text with control characters escaped, as in ``\x1b``; line ends stay."""
     return _UNPRINTED.sub(lambda match: match[0].encode("unicode_escape").decode(), text)
 
 
 def shortened(text: str, most: int) -> str:
-    """Return a text without its middle if it has more than ``most`` characters."""
+    """Return a text; if it has more than ``most`` characters, with " ... " for its middle."""
     if len(text) <= most:
         return text
-    return f"{text[: most - most // 3 - 5]} ... {text[-(most // 3) :]}"
+    end_length = most // 3
+    start_length = most - end_length - len(" ... ")
+    return f"{text[:start_length]} ... {text[-end_length:]}"
 
 
 def text_cell(text: str) -> str:
     """Return a printable text that a spreadsheet reads as text.
 
-    A text that it would read as a formula gets a leading apostrophe. Numbers need no apostrophe,
-    though they may begin with a minus.
+    A text that it would read as a formula gets a leading apostrophe. Numbers, which may begin with
+    a minus, are not for this function.
     """
     text = printable(text)
-    return f"'{text}" if text.startswith(_FORMULA) else text
+    return f"'{text}" if text.startswith(_FORMULA_STARTS) else text

@@ -44,9 +44,8 @@ def run(
     """Search for roads on which a driver leaves its lane.
 
     Without options, 1000 drives of the built-in planner go into a new folder under campaigns/. The
-    search ends when the first of --simulations, --time and --failures is reached, or with Ctrl-C.
-    FILE.toml sets the same things as the options, as every campaign's campaign.toml does; options
-    win over the file.
+    first of --simulations, --time and --failures ends the search; so does Ctrl-C. FILE.toml, such
+    as a campaign's campaign.toml, sets what options set; options win.
     """
     from frenetic.campaign import new_folder
     from frenetic.report import results

@@ -106,8 +106,8 @@ def show(
     is_list = bool(outcomes or features or sort is not None or limit is not None)
     if is_list and test_id is not None:
         raise click.UsageError(
-            "an ID shows one test: leave it out to list tests with --outcome, --feature, --sort"
-            " or --limit"
+            "the ID of a test shows this test alone: leave it out to list tests with --outcome,"
+            " --feature, --sort or --limit"
         )
     if follow:
         if is_list or test_id is not None:
