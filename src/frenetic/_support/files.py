@@ -35,7 +35,7 @@ def open_file(path: Path) -> BufferedReader:
 def refuse_pipe(path: Path) -> None:
     """Refuse a pipe or a device, which a process may wait forever to open.
 
-    Those under ``/dev`` are let through: the shell connects them, as for ``<(...)``.
+    Pipes under ``/dev`` are allowed: the shell makes and fills them, as for ``<(...)``.
 
     Raises:
         OSError: there is no such file, or it is a pipe or a device.

@@ -10,8 +10,8 @@ A spec holds only what its user sets; defaults are filled in where values are us
 `Spec.terms`, `Spec.rules` and `Spec.part`. Its classes build on each other:
 
 - `RunEntries`: the entries, each with its type, bounds and help
-- `frenetic.spec.run_settings.RunSettings`: what follows from the entries
-- `frenetic.spec.run_code.RunCode`: the code that they name, with signature and folders
+- `RunSettings`: what follows from the entries
+- `RunCode`: the code that they name, with signature and folders
 - `Spec`: reading, merging, and making strategy, driver and simulator
 
 Every command's help reads this module, so slow imports are inside functions.
@@ -20,7 +20,9 @@ Every command's help reads this module, so slow imports are inside functions.
 from frenetic.spec.budget import Budget
 from frenetic.spec.files import DRIVEN, SIGNED, read_entries, sign_driven, write_entries
 from frenetic.spec.parts import USUAL, Part, simulator_defaults
+from frenetic.spec.run_code import RunCode
 from frenetic.spec.run_entries import RunEntries, Signed
+from frenetic.spec.run_settings import RunSettings
 from frenetic.spec.spec import DRIVING_ENTRIES, FILE, Spec
 from frenetic.spec.values import COMPETITION, MAX_WORKERS, read_workers
 
@@ -34,7 +36,9 @@ __all__ = [
     "USUAL",
     "Budget",
     "Part",
+    "RunCode",
     "RunEntries",
+    "RunSettings",
     "Signed",
     "Spec",
     "read_entries",
