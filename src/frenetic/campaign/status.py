@@ -15,7 +15,7 @@ from msgspec import Struct, to_builtins
 
 from frenetic._support.files import open_file
 from frenetic._support.outside_text import read_json
-from frenetic._support.words import printable
+from frenetic._support.printable import printable
 from frenetic.campaign.advice import resume_command
 from frenetic.campaign.lock import holder, last_host
 from frenetic.campaign.log import LOG, LogEvent

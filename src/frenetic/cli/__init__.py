@@ -20,7 +20,7 @@ from typing import Any, ClassVar, Final, NoReturn, TextIO
 import click
 
 from frenetic._support.entry_points import installed
-from frenetic._support.words import printable, shortened
+from frenetic._support.printable import printable, shortened
 from frenetic.errors import FreneticError
 from frenetic.processes.interrupt import ending_in_order, plain_interrupts
 

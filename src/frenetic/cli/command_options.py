@@ -11,7 +11,7 @@ from typing import Any
 
 import click
 
-from frenetic._support.words import read_part
+from frenetic._support.option_text import read_part
 from frenetic.cli.console import Log
 from frenetic.cli.entries import AS_PARAMETER, was_given
 from frenetic.conditions.condition import amounts_in, condition_named

@@ -11,7 +11,8 @@ from typing import TYPE_CHECKING, Any, Final, NoReturn
 import click
 from msgspec import structs
 
-from frenetic._support.words import counted, part_word
+from frenetic._support.option_text import part_word
+from frenetic._support.words import counted
 from frenetic.cli import echo
 from frenetic.cli.command_options import CommandOptions
 from frenetic.cli.console import Log, print_table, shell

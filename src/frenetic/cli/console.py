@@ -16,11 +16,8 @@ from rich.markup import escape
 from rich.table import Table
 from rich.text import Text
 
-from frenetic._support.words import (
-    format_duration,
-    printable,
-    rate_words,
-)
+from frenetic._support.printable import printable
+from frenetic._support.words import format_duration, rate_words
 from frenetic.cli import Invocation, echo, silence
 
 if TYPE_CHECKING:

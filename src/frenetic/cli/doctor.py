@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from frenetic._support.words import read_part
+from frenetic._support.option_text import read_part
 from frenetic.cli import echo
 from frenetic.cli.console import Log, announced_compilation
 from frenetic.cli.entries import entry_option

@@ -16,7 +16,7 @@ from click.core import ParameterSource
 from click.shell_completion import CompletionItem
 from msgspec import Meta
 
-from frenetic._support.words import read_setting
+from frenetic._support.option_text import read_setting
 from frenetic.cli.options import Decorator, with_options
 from frenetic.conditions.condition import condition_named
 from frenetic.errors import FreneticError

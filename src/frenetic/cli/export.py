@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 import click
 
-from frenetic._support.words import read_part
+from frenetic._support.option_text import read_part
 from frenetic.cli import echo
 from frenetic.cli.console import Log, counted_progress, shell
 from frenetic.cli.options import (

@@ -8,7 +8,7 @@ from typing import Any, Final
 import click
 from msgspec import structs
 
-from frenetic._support.words import part_word
+from frenetic._support.option_text import part_word
 from frenetic.cli.entries import entry_option
 from frenetic.parts.registry import SIMULATORS
 from frenetic.spec import Spec, simulator_defaults

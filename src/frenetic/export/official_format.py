@@ -17,7 +17,7 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 
 from frenetic._support.arrays import FloatArray
-from frenetic._support.words import text_cell
+from frenetic._support.printable import text_cell
 from frenetic.analysis.official_segment import failure_segment
 from frenetic.analysis.sparseness import MOST_COMPARED, largest_distances
 from frenetic.campaign.configuration import owner_of

@@ -18,7 +18,8 @@ import numpy as np
 from msgspec import to_builtins
 from msgspec.json import encode
 
-from frenetic._support.words import pip_install, simulated_time, text_cell
+from frenetic._support.printable import text_cell
+from frenetic._support.words import pip_install, simulated_time
 from frenetic.analysis.groups import find_campaigns
 from frenetic.campaign.campaign import Campaign
 from frenetic.campaign.columns import TEST_COLUMNS, value_at

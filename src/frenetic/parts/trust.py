@@ -35,7 +35,8 @@ from typing import Any, Final, NamedTuple, TypeAlias
 
 from frenetic._support.files import write_file
 from frenetic._support.json_value import plain
-from frenetic._support.words import part_word, shortened
+from frenetic._support.option_text import part_word
+from frenetic._support.printable import shortened
 from frenetic.errors import FreneticError
 from frenetic.parts.registry import DRIVERS, OBJECTIVES, SIMULATORS, STRATEGIES, Registry
 from frenetic.parts.versions import sources_named

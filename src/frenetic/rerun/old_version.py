@@ -21,7 +21,7 @@ from msgspec import structs
 
 from frenetic._support.bounds import require_count
 from frenetic._support.json_value import JSONValue
-from frenetic._support.words import part_word
+from frenetic._support.option_text import part_word
 from frenetic.campaign.counts import Counts
 from frenetic.campaign.database import DATABASE
 from frenetic.campaign.reader import SOURCES

@@ -16,7 +16,7 @@ from typing import Any, TypeVar
 
 from msgspec import structs
 
-from frenetic._support.words import read_part
+from frenetic._support.option_text import read_part
 from frenetic.conditions.condition import SEED, SPEED, amounts_in, condition_named
 from frenetic.spec.files import SIGNED
 from frenetic.spec.parts import PARTS, merged_part

@@ -9,7 +9,7 @@ from functools import cache
 from importlib import import_module
 from typing import Any, Final
 
-from frenetic._support.words import part_word
+from frenetic._support.option_text import part_word
 from frenetic.parts.registry import part_name
 from frenetic.parts.versions import innermost, over_each_other
 from frenetic.spec.part_record import describe

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
-from frenetic._support.words import part_word, read_part
+from frenetic._support.option_text import part_word, read_part
 from frenetic.parts.registry import SIMULATORS
 
 if TYPE_CHECKING:

@@ -12,7 +12,7 @@ from typing import Self
 
 from msgspec import structs
 
-from frenetic._support.words import part_word
+from frenetic._support.option_text import part_word
 from frenetic.parts import trust
 from frenetic.spec.parts import PARTS, Part
 from frenetic.spec.run_entries import Signed

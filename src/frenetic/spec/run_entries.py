@@ -11,7 +11,8 @@ from typing import Annotated, Any, Final
 from msgspec import Meta, Struct, field, structs, to_builtins
 
 from frenetic._support.bounds import Count, Index, NotNegative, Positive, Text, converted
-from frenetic._support.words import parse_duration, part_word, read_part
+from frenetic._support.option_text import part_word, read_part
+from frenetic._support.words import parse_duration
 from frenetic.conditions.condition import require_allowed
 from frenetic.spec.parts import PARTS
 from frenetic.spec.values import (

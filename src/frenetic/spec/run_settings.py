@@ -10,7 +10,7 @@ from dataclasses import replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, Final
 
-from frenetic._support.words import read_part
+from frenetic._support.option_text import read_part
 from frenetic.conditions.condition import amounts_in
 from frenetic.errors import FreneticError
 from frenetic.spec.budget import Budget

@@ -9,7 +9,8 @@ import re
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any, Final
 
-from frenetic._support.words import part_word, read_part, shortened
+from frenetic._support.option_text import part_word, read_part
+from frenetic._support.printable import shortened
 from frenetic.criteria.criterion import CriteriaSet
 
 if TYPE_CHECKING:

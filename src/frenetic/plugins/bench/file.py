@@ -16,7 +16,8 @@ from typing import Any, Final
 from msgspec import Struct, convert, structs
 
 from frenetic._support.bounds import Count, Index, Positive
-from frenetic._support.words import parse_duration, read_part
+from frenetic._support.option_text import read_part
+from frenetic._support.words import parse_duration
 from frenetic.campaign.tester import RoadTester
 from frenetic.errors import FreneticError
 from frenetic.parts.registry import STRATEGIES, hint

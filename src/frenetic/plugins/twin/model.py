@@ -10,7 +10,7 @@ from typing import Any, Final, Literal, Self, TypeAlias
 from msgspec import structs
 
 from frenetic._support.files import require_list
-from frenetic._support.words import part_word
+from frenetic._support.option_text import part_word
 from frenetic.drivers.driver import Driver
 from frenetic.drivers.loading import load_driver
 from frenetic.drivers.stack import unwrapped
