@@ -9,7 +9,7 @@ import sys
 def main() -> None:
     """Run the command line; Ctrl-C during its import ends in one line and exit code 130."""
     try:
-        from frenetic.cli import main as run_command_line  # Ctrl-C may come meanwhile
+        from frenetic.cli import main as run_command_line  # Ctrl-C may come during this import
 
         run_command_line()
     except KeyboardInterrupt:

@@ -140,7 +140,7 @@ class CommandOptions:
             left_out: kinds of parts that the command does not make.
             of_file: kinds of parts that the file of ``--as`` replaces.
             others: parts beside the spec that the command makes, such as a bench's entrants.
-            noted: kinds of parts whose folder the command has told the user before.
+            noted: kinds of parts whose folder the command has already printed.
 
         Returns:
             The spec, and the folder in which its parts have to be made. Parts from another folder
@@ -197,7 +197,7 @@ class CommandOptions:
         here = Path.cwd()
         return {kind: here if kind in named else folder for kind in named_code(needed)}
 
-    def conditions(self, spec: Spec) -> list[str]:
+    def overridden_conditions(self, spec: Spec) -> list[str]:
         """Return the conditions whose amounts the command line sets in place of a test's own.
 
         Args:
@@ -214,7 +214,7 @@ class CommandOptions:
         Raises:
             click.UsageError: the command line sets such an amount.
         """
-        for name in CommandOptions(self.spec).conditions(Spec()):
+        for name in CommandOptions(self.spec).overridden_conditions(Spec()):
             if spec.domain is not None and name in spec.domain.conditions:
                 raise click.UsageError(
                     f"{name} is given, and {spec.domain.name} draws it: leave out one of the two"

@@ -77,7 +77,7 @@ def compare(
 
     With --driver or --as it says instead whether that driver beats the campaign's driver. Both
     drive on fresh random roads (of the campaign's domain, if it has one), which decide the answer,
-    and on the roads on which the campaign failed. After Ctrl-C the same command goes on. The exit
+    and on the roads on which the campaign failed. After Ctrl-C the same command continues. The exit
     code is 0 if the new driver is better, 1 if it is worse, 3 if the drives show neither.
     """
     from frenetic.analysis.comparison import compare as compare_groups

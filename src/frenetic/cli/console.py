@@ -59,7 +59,7 @@ class ResultsConsole(_EscapingConsole):
 
 
 class Log(_EscapingConsole):
-    """The console for progress on stderr; a campaign goes on when nobody reads it."""
+    """The console for progress on stderr; a campaign continues when nobody reads it."""
 
     def __init__(self) -> None:
         super().__init__(stderr=True, highlight=False, soft_wrap=True)

@@ -92,7 +92,7 @@ def plan_for_campaign(
         needs_parts = not is_dry or any(not test.road.is_plain for test in tests)
         spec, code_folder = campaign_spec(store, options, needs_trust=needs_parts)
         config, terms, rules = store.config, store.setting, recorded_rules(store, spec)
-    replaced = options.conditions(spec)
+    replaced = options.overridden_conditions(spec)
     roads = []
     for test in tests:
         fitted, verdict = test.road.placed(terms.map_size, terms.map_margin, terms.road_class)

@@ -58,7 +58,7 @@ def estimate(
     The domain is --odd FILE, or a CAMPAIGN's domain. A CAMPAIGN's own driver drives, and its report
     shows the estimate, too. Common failures are counted in plain drives; for rare failures,
     conditions in which the driver fails are drawn more often, and weigh less. A search's failures
-    are not counted. After Ctrl-C the same command goes on, and it shows a complete estimate;
+    are not counted. After Ctrl-C the same command continues, and it shows a complete estimate;
     without a CAMPAIGN it needs --out DIR for that.
     """
     from frenetic.cli.rerun_options import shown_driving
@@ -108,14 +108,14 @@ def estimate(
 def _interrupted(
     log: Log, summary: Summary, drives: int, *, is_new_folder: bool
 ) -> click.exceptions.Exit:
-    """Print what is left to do after Ctrl-C, and which command goes on; return the exit.
+    """Print what is left to do after Ctrl-C, and which command continues; return the exit.
 
     Args:
         log: the console for progress.
         summary: summary of the campaign that drives.
         drives: number of drives that the estimate needs.
-        is_new_folder: whether the folder was chosen by this command, so that the next one has to
-            name it.
+        is_new_folder: whether the folder was chosen by this command, so that the next command has
+            to name it.
     """
     from frenetic.cli.rerun_options import interrupted
 

@@ -92,7 +92,7 @@ def minimise(
     its drive and a picture of the road before and after. A failure is the same if its reason and
     cause are, and if road, offsets and speeds before it differ by at most 2 m, as within one
     distinct failure. Ctrl-C keeps the smallest road so far. For a campaign's test the same command
-    goes on after Ctrl-C, and shows the result once it is complete.
+    continues after Ctrl-C, and shows the result once it is complete.
     """
     from frenetic.campaign import CampaignStore, RoadTester
     from frenetic.rerun.rerun import campaign_tester
@@ -184,7 +184,7 @@ def _minimise(
 def _interrupted(
     log: Log, remaining: Sequence[RoadToMinimise], source: Path
 ) -> click.exceptions.Exit:
-    """Print what is left to do after Ctrl-C, and which command goes on; return the exit."""
+    """Print what is left to do after Ctrl-C, and which command continues; return the exit."""
     if remaining:
         test_ids = ", ".join(road.name.removeprefix("Test ") for road in remaining)
         return interrupted(log, f"{counted(len(remaining), 'failure')} not begun: {test_ids}")
@@ -227,7 +227,9 @@ def _roads_of_campaign(
             path = minimised_road(folder, recorded.id)
             if options:  # the failure may be another than the campaign's
                 path = path.with_stem(f"{path.stem}-other")
-            conditions = without(recorded.candidate.conditions, *options.conditions(spec))
+            conditions = without(
+                recorded.candidate.conditions, *options.overridden_conditions(spec)
+            )
             test = replace(recorded, candidate=replace(recorded.candidate, conditions=conditions))
             files = MinimisedFiles.beside(out or path)
             roads.append(RoadToMinimise(f"Test {test.id}", test.road, files, test))

@@ -111,7 +111,7 @@ def rerun(
     --simulator win over a test's own. Another --driver shows what is fixed, another --simulator
     which failures are the driver's. A failure is the same if it is on the same side within 30 m
     along the road, and if road, offsets and speeds before it differ by at most 2 m, as within one
-    distinct failure. The same command goes on after Ctrl-C, and shows a complete rerun.
+    distinct failure. The same command continues after Ctrl-C, and shows a complete rerun.
     """
     from frenetic.rerun.junit import write_junit
     from frenetic.rerun.rerun import rerun_with
@@ -130,7 +130,7 @@ def rerun(
             tests=chosen,
             times=times,
             vary=variations,
-            instead=options.conditions(spec),
+            instead=options.overridden_conditions(spec),
             workers=workers,
             isolate=True,
             out=out,

@@ -166,14 +166,14 @@ def shown_driving(
 def interrupted(
     log: Log, remaining: str, command: Invocation | None = None
 ) -> click.exceptions.Exit:
-    """Print what is left to do after Ctrl-C and the command that goes on; return the exit.
+    """Print what is left to do after Ctrl-C and the command that continues; return the exit.
 
     Args:
         log: the console for progress.
         remaining: what is left to do, such as "12 drives to go".
-        command: the command that goes on; None if it is the present command line.
+        command: the command that continues; None if it is the present command line.
     """
-    advice = f"the same command goes on: {this_command()}"
+    advice = f"the same command continues: {this_command()}"
     if command is not None:
         advice = f"go on: {command}"
     log.print(f"Interrupted: {remaining}; {advice}", markup=False)

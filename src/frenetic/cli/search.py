@@ -293,7 +293,7 @@ def _search_times(seconds: float, start_seconds: tuple[float, float] | None) -> 
 
 
 def _next_command(folder: Path, summary: Summary, *, has_failures: bool) -> str:
-    """Return the command that goes on with a search; empty if it ended with failures."""
+    """Return the command that continues a search; empty if it ended with failures."""
     if summary.interrupted:
         return _resume_command(folder)
     if not has_failures and summary.tests and not summary.ended:

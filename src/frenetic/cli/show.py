@@ -98,8 +98,8 @@ def show(
     conditions').
 
     --follow shows the progress of a campaign that runs on this machine, each second. Ctrl-C ends
-    the view; the campaign goes on. The exit code is 0 when the campaign has finished, 1 when it was
-    interrupted, gave up or was killed.
+    the view; the campaign continues. The exit code is 0 when the campaign has finished, 1 when it
+    was interrupted, gave up or was killed.
     """
     from frenetic.campaign import CampaignStore
 
@@ -311,7 +311,7 @@ def _budget(store: CampaignStore) -> str:
 
 
 def _next_command(store: CampaignStore) -> str:
-    """Return the command that goes on with a campaign or writes its report; empty if finished."""
+    """Return the command that continues a campaign or writes its report; empty if finished."""
     from frenetic.campaign.configuration import OWNER, SPEC
     from frenetic.campaign.status import Status, read_state
     from frenetic.report.html.campaign import has_report

@@ -57,7 +57,7 @@ class RunSettings(RunEntries, frozen=True, kw_only=True):
         if self.domain is not None and self.domain.road_class is not None:
             return self.domain.road_class
         if self.from_roads is not None:
-            from frenetic.road.real_roads import shown_class  # numba takes its time
+            from frenetic.road.real_roads import shown_class  # imports numba
 
             return shown_class(self.from_roads)
         return None
@@ -70,7 +70,7 @@ class RunSettings(RunEntries, frozen=True, kw_only=True):
     @cached_property
     def rules(self) -> Rules:
         """Rules of the drives, apart from a speed limit among the conditions."""
-        from frenetic.oracle.drive import Rules  # numba takes its time
+        from frenetic.oracle.drive import Rules  # imports numba
 
         return self.rules_over(Rules())
 
@@ -101,7 +101,7 @@ class RunSettings(RunEntries, frozen=True, kw_only=True):
         Raises:
             ValueError: two entries do not suit each other, such as a map too small for its margin.
         """
-        from frenetic.spec.terms import Terms  # numba takes its time
+        from frenetic.spec.terms import Terms  # imports numba
 
         values = {
             name: value for name in TERMS_ENTRIES if (value := getattr(self, name)) is not None
