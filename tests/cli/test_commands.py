@@ -119,6 +119,7 @@ MISTAKES: Final = [
     ("show c --sort beauty", "'beauty'", "severity", "max_curvature"),
     ("show c --feature beauty=1:2", "'beauty'"),
     ("show c --feature bends=many", "'bends=many' is not NAME=LOW:HIGH"),
+    ("show c --feature =1:2", "'=1:2' is not NAME=LOW:HIGH"),
     ("show c 1 --limit 3", "the ID of a test"),
     ("show c --limit 3 --follow", "--follow"),
     ("check nowhere", "nowhere does not exist"),

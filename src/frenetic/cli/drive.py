@@ -97,7 +97,7 @@ def drive(
     else:
         test_id = test_ids[0] if test_ids else None
         plan = plan_for_file(options, source, lane, test_id, is_dry=dry)
-    has_one_road = len(plan.roads) == 1
+    has_one_road = len(plan.targets) == 1
     if plot is not None and (dry or not has_one_road):
         raise click.UsageError("--plot draws one drive: leave it out with --dry or several roads")
     documents = _judge(plan) if dry else _drive(plan, plot, is_quiet=as_json)
@@ -119,14 +119,14 @@ def _judge(plan: DrivePlan) -> list[dict[str, Any]]:
     from frenetic.campaign import RoadTester
 
     documents = []
-    for road in plan.roads:
-        reason = road.verdict.message
-        if road.verdict and not road.road.is_plain:  # only then a simulator may refuse it
+    for target in plan.targets:
+        reason = target.verdict.message
+        if target.verdict and not target.road.is_plain:  # only then a simulator may refuse it
             with chdir(plan.code_folder):
                 tester = RoadTester.of(plan.spec)
-            reason = _refusal(tester, road.road)
-        notes = {"notes": list(road.notes)} if road.notes else {}
-        documents.append({"road": road.name, "valid": not reason, "message": reason, **notes})
+            reason = _refusal(tester, target.road)
+        notes = {"notes": list(target.notes)} if target.notes else {}
+        documents.append({"road": target.name, "valid": not reason, "message": reason, **notes})
     return documents
 
 
@@ -148,46 +148,46 @@ def _drive(plan: DrivePlan, plot: Path | None, *, is_quiet: bool) -> list[dict[s
     documents: list[dict[str, Any]] = []
     with ExitStack() as entered:
         compiled = entered.enter_context(announced_compilation(Log()))
-        drive_road, waiting = None, deque(plan.roads)
+        drive_road, waiting = None, deque(plan.targets)
         while waiting:
-            road, driven = waiting.popleft(), None
-            reason = road.verdict.message or _refusal(tester, road.road)
+            target, driven = waiting.popleft(), None
+            reason = target.verdict.message or _refusal(tester, target.road)
             result = Result(Outcome.INVALID, reason)
             if not reason:
                 if drive_road is None:  # the simulator starts only if there is a valid road
                     drive_road = entered.enter_context(driving(tester, isolate=True))
                     compiled()
-                driven = drive_road(road.road, road.conditions)
-                result = judge(road.road, driven)
+                driven = drive_road(target.road, target.conditions)
+                result = judge(target.road, driven)
             if plot is not None:
-                _draw(road, result, driven, plot)
-            document = _document(road, result, driven, tester, plot)
+                _draw(target, result, driven, plot)
+            document = _document(target, result, driven, tester, plot)
             documents.append(document)
             if not is_quiet:
-                _print(plan.spec, tester, road, result, document)
-                is_only_drive = len(plan.roads) == 1 and road.rest_after is None
+                _print(plan.spec, tester, target, result, document)
+                is_only_drive = len(plan.targets) == 1 and target.rest_after is None
                 if plan.spec.rules.criteria or is_only_drive:
                     print_measures(document.get("measures", []), plan.spec.rules.criteria)
-            if road.rest_after is not None and result.departure is not None and plot is None:
-                rest = road.rest_after(result.departure.distance)
+            if target.rest_after is not None and result.departure is not None and plot is None:
+                rest = target.rest_after(result.departure.distance)
                 if rest is not None:
                     waiting.appendleft(rest)
     return documents
 
 
-def _draw(road: RoadToDrive, result: Result, driven: Drive | None, plot: Path) -> None:
+def _draw(target: RoadToDrive, result: Result, driven: Drive | None, plot: Path) -> None:
     """Draw a drive, or the road alone if it was not driven."""
     from frenetic.report.picture import draw_drive, draw_road  # imports matplotlib
 
-    title = f"{Path(road.name).name}: {result.outcome}"
+    title = f"{Path(target.name).name}: {result.outcome}"
     if driven is None:
-        draw_road(road.road, plot, title=title, reason=result.reason)
+        draw_road(target.road, plot, title=title, reason=result.reason)
     else:
-        draw_drive(road.road, driven, plot, title=title)
+        draw_drive(target.road, driven, plot, title=title)
 
 
 def _document(
-    road: RoadToDrive,
+    target: RoadToDrive,
     result: Result,
     driven: Drive | None,
     tester: RoadTester,
@@ -196,26 +196,26 @@ def _document(
     """Return what happened on a road, for JSON."""
     from frenetic.oracle.measures import measures_json
 
-    conditions = tester.terms.conditions_of(road.conditions)
-    rules = tester.setting.rules_in(road.conditions)
+    conditions = tester.terms.conditions_of(target.conditions)
+    rules = tester.setting.rules_in(target.conditions)
     document = {
-        "road": road.name,
-        "length": road.road.length,
-        "speed_limits": rules.speed_limits_on(road.road).tolist(),
+        "road": target.name,
+        "length": target.road.length,
+        "speed_limits": rules.speed_limits_on(target.road).tolist(),
         **result.as_json(),
         **tester.described,
         **({"conditions": conditions} if conditions else {}),
-        **({"notes": list(road.notes)} if road.notes else {}),
-        **_comparison(road, result, driven, tester),
+        **({"notes": list(target.notes)} if target.notes else {}),
+        **_comparison(target, result, driven, tester),
         **({} if plot is None else {"plot": str(plot)}),
     }
     if driven is not None and result.outcome.is_driven and len(driven.trajectory):
-        document["measures"] = measures_json(road.road, driven)
+        document["measures"] = measures_json(target.road, driven)
     return document
 
 
 def _comparison(
-    road: RoadToDrive, result: Result, driven: Drive | None, tester: RoadTester
+    target: RoadToDrive, result: Result, driven: Drive | None, tester: RoadTester
 ) -> dict[str, Any]:
     """Return what differs from the campaign's drive, for JSON; empty if not compared.
 
@@ -224,25 +224,25 @@ def _comparison(
     """
     from frenetic.campaign.second_drive import moobd_difference, outcome_difference
 
-    if road.test is None or not _is_as_recorded(road, tester):
+    if target.test is None or not _is_as_recorded(target, tester):
         return {}
     trajectory = None if driven is None else driven.trajectory
-    second = replace(road.test, result=result, pose=road.road.pose, trajectory=trajectory)
-    difference = other_ending(road.test, second)
-    return {"differs": difference or other_moobd(road.test, second, tester.simulator)}
+    second = replace(target.test, result=result, pose=target.road.pose, trajectory=trajectory)
+    difference = other_ending(target.test, second)
+    return {"differs": difference or other_moobd(target.test, second, tester.simulator)}
 
 
-def _is_as_recorded(road: RoadToDrive, tester: RoadTester) -> bool:
+def _is_as_recorded(target: RoadToDrive, tester: RoadTester) -> bool:
     """Return whether a test is driven with its campaign's parts, rules and conditions."""
     from frenetic.parts.versions import differences
 
-    test, config, setting = road.test, road.campaign_config, tester.setting
+    test, config, setting = target.test, target.campaign_config, tester.setting
     if test is None or test.setting is None or config is None:
         return False
     return (
         setting.rules == test.setting.rules
         and setting.conditions == test.setting.conditions
-        and dict(road.conditions) == dict(test.candidate.conditions)
+        and dict(target.conditions) == dict(test.candidate.conditions)
         and not any(
             differences(kind, config.get(kind), part) for kind, part in tester.described.items()
         )
@@ -283,7 +283,7 @@ def _driver_texts(spec: Spec, recorded: object, document: Mapping[str, Any]) -> 
 
 
 def _print(
-    spec: Spec, tester: RoadTester, road: RoadToDrive, result: Result, document: Mapping[str, Any]
+    spec: Spec, tester: RoadTester, target: RoadToDrive, result: Result, document: Mapping[str, Any]
 ) -> None:
     """Print what happened on a road."""
     duration = result.duration if result.outcome.is_driven else None
@@ -295,11 +295,11 @@ def _print(
     echo(f"{result.outcome}  {result.reason}")
     print_facts(
         [
-            ("road", f"{road.road.length:.1f} m, {road.name}"),
-            ("driver", "; ".join(_driver_texts(spec, road.recorded_driver, document))),
-            ("limit", limit_text(tester.setting, road.road, road.conditions)),
-            ("conditions", as_text({**spec.amounts, **road.conditions})),
-            *facts_of_drive(result, duration, road.road.lane_width),
+            ("road", f"{target.road.length:.1f} m, {target.name}"),
+            ("driver", "; ".join(_driver_texts(spec, target.recorded_driver, document))),
+            ("limit", limit_text(tester.setting, target.road, target.conditions)),
+            ("conditions", as_text({**spec.amounts, **target.conditions})),
+            *facts_of_drive(result, duration, target.road.lane_width),
             ("result", comparison),
             ("picture", document.get("plot", "")),
         ]

@@ -58,7 +58,8 @@ class DrivePlan:
     """Spec of driver, simulator, rules and conditions."""
     code_folder: Path
     """Folder in which driver and simulator have to be made."""
-    roads: list[RoadToDrive]
+    targets: list[RoadToDrive]
+    """The roads, in the order in which they are driven."""
     rules: Rules | None = None
     """Rules that a campaign records; None for the rules of the spec."""
 
@@ -93,10 +94,10 @@ def plan_for_campaign(
         spec, code_folder = campaign_spec(store, options, needs_trust=needs_parts)
         config, terms, rules = store.config, store.setting, recorded_rules(store, spec)
     replaced = options.overridden_conditions(spec)
-    roads = []
+    targets = []
     for test in tests:
         fitted, verdict = test.road.placed(terms.map_size, terms.map_margin, terms.road_class)
-        road = RoadToDrive(
+        target = RoadToDrive(
             f"{folder} {test.id}",
             fitted or test.road,
             verdict,
@@ -104,8 +105,8 @@ def plan_for_campaign(
             config,
             conditions=without(test.candidate.conditions, *replaced),
         )
-        roads.append(road)
-    return DrivePlan(spec, code_folder, roads, rules)
+        targets.append(target)
+    return DrivePlan(spec, code_folder, targets, rules)
 
 
 def plan_for_file(
@@ -137,8 +138,8 @@ def plan_for_file(
         verdict = Verdict(False, f"{verdict.message}; {_advice_to_fit(file, road, spec)}")
     name = str(path) if test_id is None else f"{path} {test_id}"
     recorded_driver = file.entries.get("driver")
-    road_to_drive = RoadToDrive(name, fitted or road, verdict, recorded_driver=recorded_driver)
-    return DrivePlan(spec, code_folder, [road_to_drive])
+    target = RoadToDrive(name, fitted or road, verdict, recorded_driver=recorded_driver)
+    return DrivePlan(spec, code_folder, [target])
 
 
 def _advice_to_fit(file: RoadFile, road: Road, spec: Spec) -> str:
@@ -180,7 +181,7 @@ def plan_for_map(
     spec, code_folder = options.trusted(options.over(Spec(), has_roads=False))
     road_map, stretches = read_stretches(path, map_roads, lane=lane)
 
-    def road_of(stretch: Stretch) -> RoadToDrive:
+    def target_on(stretch: Stretch) -> RoadToDrive:
         def rest_after(distance: float) -> RoadToDrive | None:
             rules = rules_in(spec.conditions, spec.rules)
             highest_limit = float(rules.speed_limits_on(stretch.road)[:, 1].max())  # [km/h]
@@ -190,7 +191,7 @@ def plan_for_map(
                 (rest,) = road_map.stretches(stretch.behind(distance), lane=lane)
             except RoadError:
                 return None
-            return road_of(rest)
+            return target_on(rest)
 
         verdict = Verdict(True, "")
         if spec.road_class is not None:
@@ -201,4 +202,4 @@ def plan_for_map(
     for stretch in stretches:
         for note in stretch.notes:
             Log().print(f"Note: {note}", markup=False)
-    return DrivePlan(spec, code_folder, [road_of(stretch) for stretch in stretches])
+    return DrivePlan(spec, code_folder, [target_on(stretch) for stretch in stretches])

@@ -99,36 +99,36 @@ def minimise(
 
     options = CommandOptions.of(context)
     if source.is_dir():
-        spec, code_folder, roads = _roads_of_campaign(options, source, test_ids, top, out)
+        spec, code_folder, targets = _roads_of_campaign(options, source, test_ids, top, out)
         with CampaignStore.open(source) as store, chdir(code_folder):
             tester = campaign_tester(store, spec)
     elif test_ids or top is not None:
         raise click.UsageError(f"{source} is no folder: an ID or --top needs a campaign's folder")
     else:
-        spec, code_folder, roads = _road_of_file(options, source, out)
+        spec, code_folder, targets = _road_of_file(options, source, out)
         with as_usage_error(), chdir(code_folder):
             tester = RoadTester.of(spec)
-    for road in roads:  # a file that cannot be written is refused before hours of drives
-        road.files.prepare()
+    for target in targets:  # a file that cannot be written is refused before hours of drives
+        target.files.prepare()
 
     drives_folder = None if out is None else out.parent
-    log, documents, remaining = Log(), [], list(roads)
+    log, documents, remaining = Log(), [], list(targets)
     has_error = is_interrupted = False
     while remaining and not is_interrupted:
-        road = remaining.pop(0)
+        target = remaining.pop(0)
         try:
-            minimised = _minimise(road, tester, log, max_drives, source, drives_folder)
+            minimised = _minimise(target, tester, log, max_drives, source, drives_folder)
         except FreneticError as error:
-            if len(roads) == 1 or isinstance(error, CampaignGoneError):
+            if len(targets) == 1 or isinstance(error, CampaignGoneError):
                 raise
-            complain(f"{road.name}: {error}")
+            complain(f"{target.name}: {error}")
             has_error = True
             continue
         is_interrupted = minimised.stop_reason == "stopped" and minimised.error is None
         if as_json:
-            documents.append(_as_json(road, minimised))
+            documents.append(_as_json(target, minimised))
         else:
-            _print(road, minimised)
+            _print(target, minimised)
     if as_json:
         echo(json.dumps(documents))
     if is_interrupted:
@@ -138,7 +138,7 @@ def minimise(
 
 
 def _minimise(
-    road: RoadToMinimise,
+    target: RoadToMinimise,
     tester: RoadTester,
     log: Log,
     max_drives: int,
@@ -148,7 +148,7 @@ def _minimise(
     """Minimise a failing road, and write the road and its pictures.
 
     Args:
-        road: the road.
+        target: the road.
         tester: drives roads on the terms of the failure.
         log: the console for progress.
         max_drives: most drives to spend.
@@ -159,11 +159,11 @@ def _minimise(
     from frenetic.rerun.minimise import minimise as minimise_road
     from frenetic.rerun.minimise import minimise_test
 
-    test = road.test
-    with shown_driving(log, f"Minimising {road.name}", max_drives) as on_event:
+    test = target.test
+    with shown_driving(log, f"Minimising {target.name}", max_drives) as on_event:
         if test is None:
             minimised = minimise_road(
-                road.road, tester, max_drives=max_drives, isolate=True, on_event=on_event
+                target.road, tester, max_drives=max_drives, isolate=True, on_event=on_event
             )
         else:
             minimised = minimise_test(
@@ -176,8 +176,8 @@ def _minimise(
                 on_event=on_event,
             )
     document = minimised_document(minimised, tester, None if test is None else test.id)
-    with log.status(f"Drawing {road.name}"):
-        write_minimised(minimised, road.files, document, name=road.name)
+    with log.status(f"Drawing {target.name}"):
+        write_minimised(minimised, target.files, document, name=target.name)
     return minimised
 
 
@@ -186,7 +186,7 @@ def _interrupted(
 ) -> click.exceptions.Exit:
     """Print what is left to do after Ctrl-C, and which command continues; return the exit."""
     if remaining:
-        test_ids = ", ".join(road.name.removeprefix("Test ") for road in remaining)
+        test_ids = ", ".join(target.name.removeprefix("Test ") for target in remaining)
         return interrupted(log, f"{counted(len(remaining), 'failure')} not begun: {test_ids}")
     if not source.is_dir():
         text = f"the drives on a ROAD file are not kept; begin again: {this_command()}"
@@ -217,7 +217,7 @@ def _roads_of_campaign(
     with CampaignStore.open(folder) as store:
         spec, code_folder = campaign_spec(store, options)
         chosen = chosen_tests(store, test_ids, top if test_ids else top or 1)
-        roads = []
+        targets = []
         for recorded in [store.test(test_id) for test_id in chosen or ()]:
             if recorded.outcome is not Outcome.FAIL:
                 raise click.UsageError(
@@ -232,10 +232,10 @@ def _roads_of_campaign(
             )
             test = replace(recorded, candidate=replace(recorded.candidate, conditions=conditions))
             files = MinimisedFiles.beside(out or path)
-            roads.append(RoadToMinimise(f"Test {test.id}", test.road, files, test))
-    if not roads:
+            targets.append(RoadToMinimise(f"Test {test.id}", test.road, files, test))
+    if not targets:
         raise click.UsageError(f"{folder} holds no failing road: there is nothing to minimise")
-    return spec, code_folder, roads
+    return spec, code_folder, targets
 
 
 def _road_of_file(
@@ -252,14 +252,14 @@ def _road_of_file(
 
     file = read_road(path)
     (spec, code_folder), road = file_spec(options, file), file.road()
-    target = out or path.with_name(f"{path.name.removesuffix('.json')}.min.json")
-    if target.exists() and target.samefile(path):
-        raise click.UsageError(f"{target} is the road itself: choose another place with --out")
-    roads = [RoadToMinimise(path.name, road, MinimisedFiles.beside(target))]
-    return Spec.of(spec, {"lane_width": road.lane_width}), code_folder, roads
+    new_file = out or path.with_name(f"{path.name.removesuffix('.json')}.min.json")
+    if new_file.exists() and new_file.samefile(path):
+        raise click.UsageError(f"{new_file} is the road itself: choose another place with --out")
+    targets = [RoadToMinimise(path.name, road, MinimisedFiles.beside(new_file))]
+    return Spec.of(spec, {"lane_width": road.lane_width}), code_folder, targets
 
 
-def _print(road: RoadToMinimise, minimised: Minimised) -> None:
+def _print(target: RoadToMinimise, minimised: Minimised) -> None:
     """Print how much shorter a road became, why it fails, and how to drive it."""
     from frenetic.campaign.second_drive import Match
 
@@ -268,7 +268,7 @@ def _print(road: RoadToMinimise, minimised: Minimised) -> None:
     if minimised.error is not None:
         ending = f"gave up: {minimised.error}"
     echo(
-        f"{road.name}: {before.length:.0f} m -> {after.length:.0f} m,"
+        f"{target.name}: {before.length:.0f} m -> {after.length:.0f} m,"
         f" {counted(before.curves, 'curve')} -> {after.curves},"
         f" {_drives_text(minimised)}, {ending}"
     )
@@ -283,8 +283,8 @@ def _print(road: RoadToMinimise, minimised: Minimised) -> None:
             ("conditions", minimised.conditions_text()),
             *(("note", note) for note in notes),
             ("curvatures", " ".join(f"{value:g}" for value in after.values)),
-            ("compared", str(road.files.comparison)),
-            ("repeat", f"frenetic drive {shell(road.files.road)}"),
+            ("compared", str(target.files.comparison)),
+            ("repeat", f"frenetic drive {shell(target.files.road)}"),
         ]
     )
 
@@ -296,12 +296,12 @@ def _drives_text(minimised: Minimised) -> str:
     return f"{text} now, {earlier} before" if earlier else text
 
 
-def _as_json(road: RoadToMinimise, minimised: Minimised) -> dict[str, Any]:
+def _as_json(target: RoadToMinimise, minimised: Minimised) -> dict[str, Any]:
     """Return a minimised road as a JSON object."""
     before, after = minimised.shapes
     return {
-        "name": road.name,
-        "test": None if road.test is None else road.test.id,
+        "name": target.name,
+        "test": None if target.test is None else target.test.id,
         "reason": str(minimised.reason),
         "length_before": before.length,
         "length": after.length,
@@ -311,5 +311,5 @@ def _as_json(road: RoadToMinimise, minimised: Minimised) -> dict[str, Any]:
         "trouble": minimised.error,
         "match": minimised.match,
         "conditions": dict(minimised.conditions),
-        "road": str(road.files.road),
+        "road": str(target.files.road),
     }
