@@ -23,8 +23,8 @@ MAX_FINDINGS: Final = 20
 def check(campaign: Path, as_json: bool) -> None:
     """Check the database of a CAMPAIGN, and say what it holds.
 
-    The command reads everything and changes nothing. The campaign may be running. Each damage is
-    printed as a line, a finding; the exit code is 1 if there are findings, otherwise 0.
+    The command reads everything and changes nothing, also while the campaign runs. Each fault is a
+    finding, which is printed in a line; the exit code is 1 if there are findings, otherwise 0.
     """
     from frenetic.campaign.check import check_campaign
 

@@ -32,7 +32,7 @@ Decorator: TypeAlias = Callable[[Any], Any]
 
 def with_options(options: Sequence[Decorator], command: Callable[P, R]) -> Callable[P, R]:
     """Return the command with all these options, in this order in its help."""
-    for option in reversed(options):  # as with decorators, the last one applied is the first
+    for option in reversed(options):  # click puts the option that is added last first
         command = option(command)
     return command
 

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from contextlib import chdir
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 from msgspec import structs
@@ -27,6 +28,10 @@ from frenetic.errors import CampaignError
 from frenetic.parts.registry import SIMULATORS
 from frenetic.parts.trust import is_here
 from frenetic.spec import Budget, Spec
+
+if TYPE_CHECKING:
+    from frenetic.campaign import CampaignStore
+    from frenetic.campaign.counts import Counts
 
 
 @click.command()
@@ -64,70 +69,99 @@ def resume(
     which holds for this command only.
     """
     from frenetic.campaign import CampaignStore
-    from frenetic.campaign.advice import has_judged_drive
-    from frenetic.campaign.configuration import SPEC
     from frenetic.report import results
-    from frenetic.report.html.campaign import has_report
 
     with CampaignStore.open(campaign) as store:
-        config, facts, counts = store.config, store.facts, store.counts()
-        seconds_spent, has_drives = store.elapsed(), has_judged_drive(store)
-        source = None if config.get(SPEC) is None else campaign_source(store)
-        is_reported = has_report(store)
-    source = _require_search(campaign, config, source)
+        source, earlier = _require_search(store), _EarlierWork.of(store)
     added = {"simulations": simulations, "time": seconds, "failures": failures}
-    spent = {
-        "simulations": counts.simulations,
-        "time": seconds_spent,
-        "failures": counts.failed,
-    }
     with as_usage_error():
-        spec = _with_budget(source.spec, added, spent, recorded_budget=facts.get("budget"))
+        spec = _with_budget(source.spec, added, earlier)
         spec, parts_folder = _trusted(spec, simulator, source, is_trusted=is_trusted)
         # Elsewhere, the names of the parts in an advised command would mean other parts.
         names_parts = is_here(parts_folder)
         with chdir(parts_folder):
             _refuse_edited_parts(
-                spec, source, campaign, has_drives=has_drives, names_parts=names_parts
+                spec, source, has_drives=earlier.has_drives, names_parts=names_parts
             )
             if SIMULATORS.is_own(spec.part("simulator").name):
                 spec = moved(spec, simulator)  # it is trusted by now, so its class may be loaded
-        assert spec.budget is not None
-        is_spent = spec.budget.spent(counts.simulations, seconds_spent, counts.failed) >= 1.0
-        if is_spent and is_reported:
+        is_spent = earlier.share_of(spec.budget) >= 1.0
+        if is_spent and earlier.is_reported:
             raise ValueError(
                 f"the budget of {campaign} is spent: say how much more, with --simulations,"
                 " --time or --failures"
             )
     spec = structs.replace(spec, workers=None if workers is None else workers.workers)
-    resumed = make_campaign(spec, campaign, parts_folder)
-    text = _first_line(spec, counts.tests, is_spent=is_spent)
-    search(resumed, results.resume, text, as_json, spec.seed, fail_on_failure=fail_on_failure)
+    search(
+        make_campaign(spec, campaign, parts_folder),
+        results.resume,
+        announcement=_announcement(spec, earlier.counts.tests, is_spent=is_spent),
+        seed=spec.seed,
+        as_json=as_json,
+        fail_on_failure=fail_on_failure,
+    )
 
 
-def _first_line(spec: Spec, tests: int, *, is_spent: bool) -> str:
+@dataclass(frozen=True)
+class _EarlierWork:
+    """What a campaign has done and spent before this command."""
+
+    counts: Counts
+    seconds: float
+    """Wall time spent on the search, in s."""
+    budget: object
+    """Budget of the last command, as the campaign records it; None without a record."""
+    has_drives: bool
+    """Whether the campaign holds judged drives."""
+    is_reported: bool
+    """Whether the campaign has ended, and its report shows all results."""
+
+    @classmethod
+    def of(cls, store: CampaignStore) -> _EarlierWork:
+        """Return the earlier work of a stored campaign."""
+        from frenetic.campaign.advice import has_judged_drive
+        from frenetic.report.html.campaign import has_report
+
+        return cls(
+            store.counts(),
+            store.elapsed(),
+            store.facts.get("budget"),
+            has_drives=has_judged_drive(store),
+            is_reported=has_report(store),
+        )
+
+    @property
+    def spent(self) -> dict[str, float]:
+        """Name of a limit -> amount that is spent."""
+        return {
+            "simulations": self.counts.simulations,
+            "time": self.seconds,
+            "failures": self.counts.failed,
+        }
+
+    def share_of(self, budget: Budget | None) -> float:
+        """Return the spent share of a budget, from 0 to 1."""
+        assert budget is not None, "a search by a command has a budget"
+        return budget.spent(self.counts.simulations, self.seconds, self.counts.failed)
+
+
+def _announcement(spec: Spec, tests: int, *, is_spent: bool) -> str:
     """Return the first line that the command prints, after a number of earlier tests."""
     if is_spent:
         return f"Finishing after {counted(tests, 'test')}, which spent the budget"
     return f"Continuing after {counted(tests, 'test')} with {spec.part('strategy')}"
 
 
-def _require_search(
-    campaign: Path, config: Mapping[str, object], source: PartsSource | None
-) -> PartsSource:
-    """Return the source of a campaign's parts, if ``frenetic resume`` can continue the campaign.
-
-    Args:
-        campaign: folder of the campaign.
-        config: its configuration.
-        source: the campaign as a source of parts; None if its parts have no names.
+def _require_search(store: CampaignStore) -> PartsSource:
+    """Return a campaign as a source of parts, if ``frenetic resume`` can continue it.
 
     Raises:
         click.UsageError: another command or program continues the campaign.
     """
-    from frenetic.campaign.configuration import owner_of
+    from frenetic.campaign.configuration import SPEC, owner_of
     from frenetic.campaign.stored_spec import is_client_driven
 
+    campaign, config = store.folder, store.config
     if owner := owner_of(config):
         raise click.UsageError(f"{campaign} {owner.summary}: {owner.advice}")
     if is_client_driven(config):
@@ -135,28 +169,21 @@ def _require_search(
             f"{campaign} gets its results from another program: continue it with 'frenetic ask-tell"
             f" --out {shell(campaign)}'"
         )
-    if source is None:
+    if config.get(SPEC) is None:
         raise click.UsageError(
             f"{campaign} was started from Python: resume it there, with Campaign.resume()"
         )
-    return source
+    return campaign_source(store)
 
 
-def _with_budget(
-    spec: Spec,
-    added: Mapping[str, float | None],
-    spent: Mapping[str, float],
-    *,
-    recorded_budget: object,
-) -> Spec:
+def _with_budget(spec: Spec, added: Mapping[str, float | None], earlier: _EarlierWork) -> Spec:
     """Return a campaign's spec with the budget of the options, or else with its last budget.
 
     Args:
         spec: the campaign's spec.
         added: name of a limit -> amount that an option adds to what is spent; None without the
             option. One option is enough to replace all limits of the last budget.
-        spent: name of a limit -> amount that is spent.
-        recorded_budget: budget of the last command, as the campaign records it; None without.
+        earlier: what the campaign has spent, and its last budget.
 
     Raises:
         ValueError: an added amount is not positive, or the recorded budget is damaged.
@@ -168,16 +195,17 @@ def _with_budget(
             raise ValueError(f"--{name} is {amount}: more than 0 is needed")
     if any(amount is not None for amount in added.values()):
         limits: dict[str, Any] = {
-            name: None if amount is None else spent[name] + amount for name, amount in added.items()
+            name: None if amount is None else earlier.spent[name] + amount
+            for name, amount in added.items()
         }
         return spec.with_budget(Budget(**limits))
-    if recorded_budget is not None:
-        return spec.with_budget(decode_budget(recorded_budget))
+    if earlier.budget is not None:
+        return spec.with_budget(decode_budget(earlier.budget))
     return spec
 
 
 def _refuse_edited_parts(
-    spec: Spec, source: PartsSource, campaign: Path, *, has_drives: bool, names_parts: bool
+    spec: Spec, source: PartsSource, *, has_drives: bool, names_parts: bool
 ) -> None:
     """Refuse a campaign whose parts were edited after it began.
 
@@ -186,7 +214,6 @@ def _refuse_edited_parts(
     Args:
         spec: the campaign's spec.
         source: the campaign as a source of parts.
-        campaign: folder of the campaign.
         has_drives: whether the campaign has judged drives.
         names_parts: whether the advice names the parts, see `next_campaign`.
 
@@ -199,10 +226,10 @@ def _refuse_edited_parts(
 
     names = [*(spec.part(kind).name for kind in PARTS), spec.named_objective]
     if edited := list(edited_files(names, source.sources)):
-        advice = next_campaign(spec, campaign, has_drives=has_drives, names_parts=names_parts)
+        advice = next_campaign(spec, source.path, has_drives=has_drives, names_parts=names_parts)
         raise CampaignError(
             f"{' and '.join(edited)} {'was' if len(edited) == 1 else 'were'} edited after"
-            f" {campaign} began: restore {'it' if len(edited) == 1 else 'them'}, or {advice}"
+            f" {source.path} began: restore {'it' if len(edited) == 1 else 'them'}, or {advice}"
         )
 
 

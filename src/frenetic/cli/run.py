@@ -64,12 +64,19 @@ def run(
     campaign = make_campaign(spec, new_folder() if out is None else out, code_folder)
     strategy, driver, simulator = map(spec.part, PARTS)
     conditions = f" with {as_text(spec.conditions)}" if spec.conditions else ""
-    text = (
+    announcement = (
         f"Searching with {strategy} for roads on which {driver} fails in {simulator}{conditions},"
         f" seed {spec.seed}; speed limit"
         f" {limit_of_search(campaign.tester.setting, spec.from_roads)}"
     )
-    search(campaign, results.run, text, as_json, spec.seed, fail_on_failure=fail_on_failure)
+    search(
+        campaign,
+        results.run,
+        announcement=announcement,
+        seed=spec.seed,
+        as_json=as_json,
+        fail_on_failure=fail_on_failure,
+    )
 
 
 def _with_defaults(spec: Spec) -> Spec:

@@ -1,7 +1,4 @@
-"""The code that a spec names: its signature, and the folders from which it is loaded.
-
-Every command's help reads this module, so slow imports are inside functions.
-"""
+"""The code that a spec names: its signature, and the folders from which it is loaded."""
 
 from __future__ import annotations
 
