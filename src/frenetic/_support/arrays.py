@@ -15,11 +15,11 @@ _GOLDEN_RATIO = (5.0**0.5 - 1.0) / 2.0
 
 
 def with_room(rows: npt.NDArray[Any], used: int) -> npt.NDArray[Any]:
-    """Return the rows, twice as many if all are used.
+    """Return the rows with room for one more, doubled in number if all are used.
 
     Args:
         rows: array whose first axis grows.
-        used: number of rows that are used; the next one must exist.
+        used: number of rows that are used.
     """
     while used >= len(rows):
         rows = np.concatenate((rows, np.empty_like(rows)))
