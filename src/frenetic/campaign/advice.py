@@ -11,7 +11,7 @@ from frenetic.campaign.stored_spec import is_client_driven
 from frenetic.oracle.verdict import is_drivers
 from frenetic.parts.trust import REGISTRIES, is_here
 from frenetic.spec import FILE, Spec
-from frenetic.spec.part_record import PARTS
+from frenetic.spec.parts import PARTS
 
 
 def resume_command(store: CampaignStore) -> str:

@@ -228,8 +228,8 @@ def _comparison(
         return {}
     trajectory = None if driven is None else driven.trajectory
     second = replace(target.test, result=result, pose=target.road.pose, trajectory=trajectory)
-    difference = other_ending(target.test, second)
-    return {"differs": difference or other_moobd(target.test, second, tester.simulator)}
+    difference = outcome_difference(target.test, second)
+    return {"differs": difference or moobd_difference(target.test, second, tester.simulator)}
 
 
 def _is_as_recorded(target: RoadToDrive, tester: RoadTester) -> bool:
