@@ -188,7 +188,7 @@ def plan_for_map(
             if stretch.road.length - distance < MIN_REST_TIME * highest_limit / 3.6:
                 return None
             try:
-                (rest,) = road_map.stretches(stretch.behind(distance), lane=lane)
+                (rest,) = road_map.stretches(stretch.rest_name(distance), lane=lane)
             except RoadError:
                 return None
             return target_on(rest)
