@@ -31,7 +31,7 @@ import numpy.typing as npt
 from scipy.stats import rankdata
 
 from frenetic import BeamngAi, EmbeddedSimulator, Planner, Road, Rules, Stanley, judge
-from frenetic.oracle.verdict import assess
+from frenetic.oracle.assessment import assess
 from frenetic.road.validity import interpolate
 
 FloatArray: TypeAlias = npt.NDArray[np.float64]

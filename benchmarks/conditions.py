@@ -30,7 +30,7 @@ from frenetic.analysis.statistics import a12, mann_whitney, rate_interval
 from frenetic.campaign import CampaignStore, RoadTester
 from frenetic.conditions.domain import Domain
 from frenetic.drivers import Camera, Controls, Driver, Observation
-from frenetic.drivers.driver import stack_of
+from frenetic.drivers.stack import stack_of
 from frenetic.drivers.wrappers import Delayed, Hasty, LimitedView
 from frenetic.oracle.drive import Drive
 from frenetic.plugins.vision.appearance import Worn

@@ -25,8 +25,9 @@ from frenetic.analysis.statistics import a12
 from frenetic.campaign.objective import Objective
 from frenetic.criteria.criterion import CriteriaSet, criteria_sets, signal_named
 from frenetic.drivers import BeamngAi, Driver, Stanley
+from frenetic.oracle.assessment import assess
 from frenetic.oracle.drive import Drive, Rules
-from frenetic.oracle.verdict import assess, judge
+from frenetic.oracle.verdict import judge
 from frenetic.road import Road
 from frenetic.road.classes import RoadClass
 from frenetic.search import Strategy

@@ -22,7 +22,7 @@ import pytest
 from frenetic import Budget, Campaign, CampaignStore, road
 from frenetic.conditions.condition import known_conditions
 from frenetic.drivers import Observation, Planner
-from frenetic.drivers.driver import scene_of
+from frenetic.drivers.stack import scene_of
 from frenetic.oracle import verdict
 from frenetic.oracle.outcome import Outcome
 from frenetic.oracle.verdict import judge
@@ -163,7 +163,7 @@ def probes() -> dict[str, tuple[str, Callable[[], list[float]]]]:
             continue
         parts[f"driver {name}"] = version_text(driver), drives(where, driver)
     for wrapper in [row for row in known_conditions().values() if row.wrapper]:
-        amount = 15.0 if wrapper.nothing == math.inf else 0.2
+        amount = 15.0 if wrapper.no_effect == math.inf else 0.2
         if wrapper.name in appearance.ALL:
             seeing = wrapper.wrapper_class().over(
                 MarkingFollower(), 5.0 if wrapper.name in ("scene", "rain") else amount

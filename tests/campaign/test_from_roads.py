@@ -16,7 +16,7 @@ from frenetic.drivers import Planner
 from frenetic.road import Road
 from frenetic.road.classes import RoadClass
 from frenetic.road.files import entries_of
-from frenetic.road.real_roads import class_of, resampled, shown_class, stretches_of
+from frenetic.road.real_roads import class_of_stretches, resampled, shown_class, stretches_of
 from frenetic.search import Frenetic, RandomSearch
 from frenetic.search.operator_names import GIVEN
 from frenetic.search.random_roads import RandomRoads
@@ -76,7 +76,7 @@ def search_from_roads(out: Path, folder: Path, *, simulations: int = SIMULATIONS
 def test_the_shown_class_is_no_wider_than_the_roads_class(name: str) -> None:
     road_class = RoadClass.of(name)
     roads = {str(i): road for i, road in enumerate(random_roads(road_class, 30))}
-    shown = class_of(roads, "shown")
+    shown = class_of_stretches(roads, "shown")
     assert all(shown.breach(road) == "" for road in roads.values())
     for rule in ("min_radius", "min_clothoid", "min_crest", "min_sag"):
         assert getattr(shown, rule) >= getattr(road_class, rule) - 0.1
@@ -88,7 +88,7 @@ def test_the_shown_class_is_no_wider_than_the_roads_class(name: str) -> None:
 
 
 def test_a_flat_straight_road_shows_a_class_for_any_speed() -> None:
-    shown = class_of({"straight": Road([0.0] * 40, 10.0)}, "straight")
+    shown = class_of_stretches({"straight": Road([0.0] * 40, 10.0)}, "straight")
     assert shown.design_speed == 130.0
     assert shown.max_superelevation == shown.max_grade == 0.0
     assert (

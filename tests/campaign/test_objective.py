@@ -17,7 +17,8 @@ from frenetic.campaign.objective import Objective
 from frenetic.campaign.objective_values import objective_text, objective_values
 from frenetic.drivers import Planner
 from frenetic.errors import FreneticError
-from frenetic.oracle.verdict import assess, judge
+from frenetic.oracle.assessment import assess
+from frenetic.oracle.verdict import judge
 from frenetic.road import Road
 from frenetic.search import Evaluation, Frenetic, Frenetic2021
 from frenetic.simulators import EmbeddedSimulator

@@ -13,8 +13,8 @@ from frenetic.campaign.tester import RoadTester
 from frenetic.campaign.workers import DriveProcess
 from frenetic.drivers import BeamngAi, Planner
 from frenetic.drivers.wrappers import Noisy, compiled_form
+from frenetic.oracle.assessment import assess
 from frenetic.oracle.drive import Drive, Rules
-from frenetic.oracle.verdict import assess
 from frenetic.plugins.twin.model import TwinModel
 from frenetic.road import Road
 from frenetic.search import RandomSearch

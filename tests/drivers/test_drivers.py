@@ -29,7 +29,8 @@ from frenetic.drivers import (
     Stanley,
     laws,
 )
-from frenetic.drivers.driver import AHEAD_POINTS, AHEAD_SPACING, checked_controls
+from frenetic.drivers.calls import checked_controls
+from frenetic.drivers.driver import AHEAD_POINTS, AHEAD_SPACING
 from frenetic.drivers.wrappers import compiled_form
 from frenetic.errors import DriverError
 

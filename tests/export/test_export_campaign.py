@@ -17,7 +17,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from frenetic._support.words import printable
+from frenetic._support.printable import printable
 from frenetic.campaign import CampaignStore, Test
 from frenetic.cli import main
 from frenetic.errors import FreneticError

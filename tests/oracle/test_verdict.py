@@ -14,18 +14,10 @@ from hypothesis import strategies as st
 
 from frenetic.criteria.criterion import DRIVER
 from frenetic.errors import Fault, Trouble
+from frenetic.oracle.assessment import LEFT_LANE, REACHED, RUNNING, STUCK, TIMED_OUT, assess
 from frenetic.oracle.drive import CarBody, Drive, Rules, Trajectory
 from frenetic.oracle.outcome import Outcome
-from frenetic.oracle.verdict import (
-    LEFT_LANE,
-    REACHED,
-    RUNNING,
-    STUCK,
-    TIMED_OUT,
-    Result,
-    assess,
-    judge,
-)
+from frenetic.oracle.verdict import Result, judge
 from frenetic.road import Pose, Road
 
 FloatArray = npt.NDArray[np.float64]

@@ -201,7 +201,7 @@ def test_an_edited_driver_is_refused_by_resume_with_the_next_command(
     try:
         (user / "near.py").write_text("GAIN = 3.4\n", encoding="utf-8")
         refused = frenetic("resume", str(user / "c"), "--simulations", "1")
-        words = f"near.py was edited, and {user}/c tests it as it was"
+        words = f"near.py was edited after {user}/c began: restore it"
         assert refused.refuses(words, f"frenetic run {user}/c/campaign.toml --from {user}/c")
         assert frenetic("drive", failing_road(user / "c")).code in (0, 1), (
             "the signature still holds"
@@ -225,7 +225,7 @@ def test_a_campaign_from_python_is_signed(tmp_path: Path, user: Path) -> None:
         assert "signed" not in json.dumps(dict(store.config))
     read = Spec.read(tmp_path / "c" / "campaign.toml")
     assert read.signed is not None
-    assert read.require_trusted("c") == user
+    assert trust.require_trusted("c", read.code_claim()) == user
     assert Spec.of(read).signed is None, "a merged spec is not signed"
 
 

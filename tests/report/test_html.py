@@ -31,8 +31,8 @@ from frenetic.campaign.database import DATABASE
 from frenetic.cli import cli
 from frenetic.drivers import Planner
 from frenetic.errors import CampaignError, FreneticError
+from frenetic.oracle.assessment import assess
 from frenetic.oracle.outcome import Outcome
-from frenetic.oracle.verdict import assess
 from frenetic.report.html import (
     Chart,
     DataBlock,

@@ -16,7 +16,8 @@ from hypothesis import strategies as st
 from frenetic.errors import RoadError
 from frenetic.export import ExportedRoad, write_road
 from frenetic.road import Road, profile
-from frenetic.road.files import MAX_BYTES, find_roads, read_road
+from frenetic.road.files import MAX_BYTES, read_road
+from frenetic.road.folders import find_roads
 from frenetic.road.opendrive import to_opendrive
 
 if TYPE_CHECKING:
@@ -110,8 +111,8 @@ HUGE = int("1" * 400)
         ([[0, 0, 0, 0], [10, 0, 0, 0]], "lane_width is 0: 0.1 to 100 m"),
         ("[[0, 0, NaN], [10, 0, 0]]", "a height and a width of at most"),
         ([[0, 0, 0], [10, 0, 9], [20, 0, 18]], "grade is 0.9 at 0 m"),
-        ({"road_points": [[0, 0, 0], [9, 0, 0]], "grade": [[0, 0.1]]}, "say what 'grade' says"),
-        ({"road_points": [[0, 0, 0, 8], [9, 0, 0, 8]], "lane_width": 4}, "'lane_width' says, too"),
+        ({"road_points": [[0, 0, 0], [9, 0, 0]], "grade": [[0, 0.1]]}, "have what 'grade' has"),
+        ({"road_points": [[0, 0, 0, 8], [9, 0, 0, 8]], "lane_width": 4}, "'lane_width' has, too"),
         ({"road_points": [[0, 0], {"x": 1}]}, r"missing required field `y` - at `\$.road_points"),
         ({"road_points": [[0, 0], [0, 0]]}, "are the same"),
         ({"road_points": [[0, 0], [1e308, 0], [-1e308, 0]]}, "from the origin"),

@@ -141,7 +141,7 @@ def test_a_road_along_a_spline_has_its_curvature() -> None:
         (np.zeros((1_000_000, 2)), "a road of 1000000 points"),
         (np.zeros((4, 3)), r"shape \(4, 3\)"),
         ([["a", "b"], ["c", "d"]], "must be numbers"),
-        ([[0.0, 1.0], [2.0]], "all of them pairs"),
+        ([[0.0, 1.0], [2.0]], "must all be pairs"),
     ],
 )
 def test_bad_points_are_refused_by_name(points: Any, message: str) -> None:

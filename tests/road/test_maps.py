@@ -18,7 +18,8 @@ from hypothesis import strategies as st
 
 from frenetic.errors import RoadError
 from frenetic.road import Road, profile
-from frenetic.road.files import find_roads, read_road
+from frenetic.road.files import read_road
+from frenetic.road.folders import find_roads
 from frenetic.road.opendrive import RoadMap, to_opendrive
 from frenetic.road.opendrive.ids import quoted_id
 
@@ -198,8 +199,8 @@ def test_a_stretch_may_begin_at_any_place() -> None:
     assert stretch.road.pose.x == pytest.approx(20.0)
     assert stretch.road.length == pytest.approx(80.0)
     assert stretch.name == "1@20,2"
-    assert stretch.behind(49.2) == "1@70,2"
-    (rest,) = town.stretches(stretch.behind(49.2))
+    assert stretch.rest_name(49.2) == "1@70,2"
+    (rest,) = town.stretches(stretch.rest_name(49.2))
     assert rest.road.pose.x == pytest.approx(70.0)
     for wrong in ("1@100,2", "1@-1", "1@x", "1@nan"):
         with pytest.raises(RoadError, match="is no place on a stretch of"):
@@ -299,7 +300,7 @@ def test_linked_roads_that_do_not_meet_stay_separate_with_a_note(gap: float, tur
 def test_the_rest_of_a_joined_stretch_lies_on_the_same_line() -> None:
     road_map = joined_map(0.02, 0.02, 1.0)
     (whole,) = road_map.stretches("1,2")
-    (rest,) = road_map.stretches(whole.behind(57.3))
+    (rest,) = road_map.stretches(whole.rest_name(57.3))
     assert rest.name == "1@58,2"
     offsets = whole.road.track(rest.road.points)[:, 1]
     assert np.abs(offsets).max() < 0.005

@@ -15,7 +15,7 @@ from frenetic import Road
 from frenetic.errors import RoadError
 from frenetic.road import profile
 from frenetic.road.files import entries_of, read_road
-from frenetic.road.road import MAX_GRADE, Pose
+from frenetic.road.road_values import MAX_GRADE, Pose
 
 CREST = np.array([(20.0, 0.06), (80.0, -0.06)])
 

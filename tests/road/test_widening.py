@@ -15,10 +15,11 @@ from hypothesis import strategies as st
 from frenetic import Road
 from frenetic.errors import RoadError
 from frenetic.oracle import Trajectory
+from frenetic.oracle.assessment import assess
 from frenetic.oracle.drive import CarBody, Drive, Rules
 from frenetic.oracle.lane_share import share_outside
 from frenetic.oracle.outcome import Outcome
-from frenetic.oracle.verdict import assess, judge
+from frenetic.oracle.verdict import judge
 from frenetic.road.files import entries_of, read_road
 
 CAR = CarBody(4.5, 1.8, 0.1)

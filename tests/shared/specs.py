@@ -35,7 +35,7 @@ DOMAINS: Any = [
 
 def _amounts(row: Condition) -> st.SearchStrategy[float]:
     """Draw amounts that have an effect."""
-    return st.floats(row.low, row.high).filter(lambda amount: amount != row.nothing)
+    return st.floats(row.low, row.high).filter(lambda amount: amount != row.no_effect)
 
 
 ENTRIES: dict[str, st.SearchStrategy[Any]] = {

@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from frenetic import Drive, Driver, DriveSetup, Road, Rules
-from frenetic.drivers.driver import blaming_driver, checked_controls
+from frenetic.drivers.calls import blaming_driver, checked_controls
 from frenetic.errors import DriverError, Trouble
 from frenetic.oracle import Trajectory
 from frenetic.simulators import CarBody, Observer

@@ -28,8 +28,9 @@ from frenetic.drivers import (
     Stanley,
 )
 from frenetic.errors import GIVES_NO_CONTROLS, HANGS, DriverError, Fault
+from frenetic.oracle.assessment import assess
 from frenetic.oracle.outcome import Outcome
-from frenetic.oracle.verdict import assess, judge
+from frenetic.oracle.verdict import judge
 from frenetic.road import Pose, Road
 from frenetic.simulators import Drive, EmbeddedSimulator, Rules, Vehicle
 from frenetic.simulators.embedded.single_track import axle_forces

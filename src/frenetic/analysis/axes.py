@@ -9,7 +9,7 @@ from typing import Final
 
 import numpy as np
 
-from frenetic.conditions.condition import condition_named, named
+from frenetic.conditions.condition import condition_named, condition_names
 from frenetic.conditions.domain import Domain
 from frenetic.road.classes import RoadClass
 from frenetic.search.operators import CURVATURE_BOUND
@@ -104,7 +104,7 @@ class Axis:
             return 0.0 if candidate.grade is None else 100.0 * np.abs(candidate.grade[:, 1]).max()
         amount = candidate.conditions.get(self.name)
         if amount is None and not self.has_usual:
-            return condition_named(self.name).nothing  # an amount without effect is not recorded
+            return condition_named(self.name).no_effect  # an amount without effect is not recorded
         return amount
 
 
@@ -130,7 +130,7 @@ def varied_axes(conditions: Sequence[Mapping[str, float]]) -> list[Axis]:
         conditions: conditions of each drive: name -> amount.
     """
     axes = []
-    names = (name for drive_conditions in conditions for name in named(drive_conditions))
+    names = (name for drive_conditions in conditions for name in condition_names(drive_conditions))
     for name in dict.fromkeys(names):
         amounts = [
             drive_conditions[name] for drive_conditions in conditions if name in drive_conditions

@@ -29,9 +29,10 @@ from frenetic._support.arrays import FloatArray
 from frenetic.analysis.bends import bend_of_place, bends_of
 from frenetic.analysis.segments import Segment, segment_of
 from frenetic.criteria.criterion import DRIVER, EDGE_DISTANCE, LANE, signal_named
+from frenetic.oracle.assessment import TIMED_OUT
 from frenetic.oracle.drive import Drive
 from frenetic.oracle.outcome import Outcome
-from frenetic.oracle.verdict import TIMED_OUT, Side, judge
+from frenetic.oracle.verdict import Side, judge
 from frenetic.road import Road
 
 # The values are our choice.

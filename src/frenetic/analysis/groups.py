@@ -22,7 +22,7 @@ from frenetic.errors import CampaignError
 from frenetic.parts.records import part_name, short_version
 from frenetic.road import profile
 from frenetic.road.classes import RoadClass
-from frenetic.spec.part_record import part_text
+from frenetic.spec.part_text import part_text
 from frenetic.spec.terms import Terms
 
 PARTS: Final = (

@@ -78,7 +78,7 @@ def _values(store: CampaignStore, test: Test, names: Collection[str]) -> Feature
             values |= features_of(segment)
     for name in names:
         if name not in FEATURES:
-            amount = test.candidate.conditions.get(name, condition_named(name).nothing)
+            amount = test.candidate.conditions.get(name, condition_named(name).no_effect)
             if amount is not None:
                 values[name] = amount
     return values

@@ -14,10 +14,11 @@ from frenetic.analysis.bends import Bend, find_bends
 from frenetic.campaign.reader import Order
 from frenetic.campaign.record import Test
 from frenetic.campaign.store import CampaignStore
+from frenetic.oracle.assessment import Assessment, assess
 from frenetic.oracle.drive import Drive
 from frenetic.oracle.outcome import Outcome
 from frenetic.oracle.signals import LocatedDrive
-from frenetic.oracle.verdict import Assessment, Finding, Side, assess, locate_drive
+from frenetic.oracle.verdict import Finding, Side, locate_drive
 from frenetic.road import Road
 
 REACH: Final = 30.0

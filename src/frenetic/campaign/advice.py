@@ -12,7 +12,7 @@ from frenetic.oracle.verdict import is_drivers
 from frenetic.parts.named_code import REGISTRIES
 from frenetic.parts.trust import is_here
 from frenetic.spec import FILE, Spec
-from frenetic.spec.part_record import PARTS
+from frenetic.spec.parts import PARTS
 
 
 def resume_command(store: CampaignStore) -> str:

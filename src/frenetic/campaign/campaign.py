@@ -65,7 +65,7 @@ from frenetic.simulators.capabilities import check_class
 from frenetic.simulators.conditions import check_pair_in
 from frenetic.simulators.simulator import Simulator
 from frenetic.spec import USUAL, Budget, Spec
-from frenetic.spec.part_record import PARTS
+from frenetic.spec.parts import PARTS
 from frenetic.spec.terms import Terms
 
 _LOGGED_ENTRIES: Final = ("seed", *PARTS, "budget", "workers", "max_in_flight", "versions")

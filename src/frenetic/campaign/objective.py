@@ -27,10 +27,11 @@ import numpy as np
 from frenetic._support.words import lane_words
 from frenetic.criteria.criterion import SIGNALS, signal_named
 from frenetic.errors import CampaignError, describe_raised
+from frenetic.oracle.assessment import assess
 from frenetic.oracle.drive import Drive
 from frenetic.oracle.measures import measure_criteria
 from frenetic.oracle.signals import Measurement, worst
-from frenetic.oracle.verdict import assess, locate_drive
+from frenetic.oracle.verdict import locate_drive
 from frenetic.parts.registry import OBJECTIVES
 from frenetic.road import Road
 from frenetic.search.records import Evaluation

@@ -30,7 +30,7 @@ from frenetic.errors import CampaignError, RoadError
 from frenetic.oracle.outcome import Outcome
 from frenetic.oracle.verdict import Result
 from frenetic.road import Road, profile
-from frenetic.road.files import find_roads
+from frenetic.road.folders import find_roads
 from frenetic.road.real_roads import fitting, step_of, stretches_of
 from frenetic.search.approach import nearest_square
 from frenetic.search.archive import critical_places
@@ -111,7 +111,7 @@ def take_roads(
     left out.
 
     Args:
-        folder: folder of road files, see `frenetic.road.files.find_roads`.
+        folder: folder of road files, see `frenetic.road.folders.find_roads`.
         tester: tester of the new campaign.
         step: distance between two curvatures that the strategy needs, in m; None for any.
 

@@ -1,11 +1,13 @@
 """Conditions of a drive, such as noise, fog or friction.
 
-A row declares a condition once, for the command line, records, reports and `frenetic.rerun`. A
-wrapper around the driver lays the condition, with every simulator, or an attribute of the simulator
-does, which may be set between two drives. A package adds a tuple of rows by an entry point in the
-group ``frenetic.conditions``.
+A `Condition` declares a condition once, for the command line, records, reports and
+`frenetic.rerun`. A condition is set in one of two ways: by a wrapper around the driver, which works
+with every simulator, or by an attribute of the simulator, which may change between two drives.
 
-The command line reads the table, so a wrapper is imported only when it is used.
+A package adds conditions by an entry point in the group ``frenetic.conditions``: a tuple of
+`Condition` objects.
+
+The command line reads all conditions, so the class of a wrapper is imported only when it is used.
 """
 
 from __future__ import annotations
@@ -24,15 +26,15 @@ from frenetic.parts.registry import hint
 GROUP: Final = "frenetic.conditions"
 """Entry point group of other packages' conditions."""
 SEED: Final = "noise_seed"
-"""Name of the seed of random wrappers among the conditions of a drive."""
+"""Name under which the conditions of a drive hold the seed of random wrappers."""
 SPEED: Final = "speed"
 """Name of the condition that is the speed limit."""
 FARTHEST: Final = 100_000.0
-"""Largest amount of a length without upper bound, in m; ours."""
+"""Largest amount of a length without upper bound, in m; our choice."""
 MAX_START_OFFSET: Final = 2.0
-"""Largest distance of a start from the ego lane's centre, in m: to the lane's edge."""
+"""Largest distance of a start from the ego lane's centre, in m: to the edge of a 4 m wide lane."""
 MAX_START_HEADING: Final = math.pi / 4.0
-"""Largest angle of a start against the road, in rad."""
+"""Largest angle between the car at the start and the road, in rad; our choice."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -41,6 +43,7 @@ class Condition:
 
     name: str
     about: str
+    """Description of the amount, which starts in lower case."""
     unit: str = ""
     """Unit of the amounts; empty without a unit."""
     low: float
@@ -48,13 +51,15 @@ class Condition:
     high: float
     """Largest amount allowed."""
     usual: tuple[float, float]
-    """Range in which the amount usually varies, where a campaign does not set it."""
+    """Range in which `frenetic.rerun` varies the amount by default."""
     is_relative: bool = False
-    """Whether the usual range is in shares of the simulator's own amount."""
-    nothing: float | None = None
-    """Amount without effect, which removes a recorded wrapper."""
+    """Whether `usual` holds factors of the simulator's own amount, not amounts."""
+    no_effect: float | None = None
+    """Amount without effect, by which a user removes a recorded condition; None if every amount has
+    an effect."""
     wrapper: str = ""
-    """``module:Class`` of a wrapper, whose class method ``over(driver, amount)`` lays it."""
+    """``module:Class`` of a wrapper, whose class method ``over(driver, amount)`` returns the driver
+    in the condition; empty for an attribute."""
     attribute: str = ""
     """Attribute of a simulator that has the amount; empty for a wrapper."""
     is_seeded: bool = False
@@ -62,18 +67,19 @@ class Condition:
     needs_camera: bool = False
     """Whether only a driver with a camera can have the wrapper."""
     place_of: str = ""
-    """Condition whose place along the road this one is, in m; the place varies with it."""
+    """Name of another condition, such as ``gust``, whose place along the road this amount is, in m;
+    empty for other conditions."""
     words: tuple[str, str] | None = None
-    """Words for a smaller and for a larger amount; None for "less" and "more" with the name."""
+    """Phrases for a smaller and a larger amount; None for "less" and "more" with the name."""
 
     @property
     def less(self) -> str:
-        """Words for a smaller amount, such as "less friction"."""
+        """Phrase for a smaller amount, such as "less friction"."""
         return self.words[0] if self.words else f"less {self.name}"
 
     @property
     def more(self) -> str:
-        """Words for a larger amount."""
+        """Phrase for a larger amount, such as "more friction"."""
         return self.words[1] if self.words else f"more {self.name}"
 
     def wrapper_class(self) -> Any:
@@ -81,10 +87,10 @@ class Condition:
         return imported(self.wrapper)
 
     def require(self, amount: float) -> float:
-        """Return an allowed amount as a float.
+        """Return the amount as a float, if it is allowed.
 
         Raises:
-            ValueError: the amount is out of range.
+            ValueError: the amount is below `low` or above `high`.
         """
         if not self.low <= amount <= self.high:
             raise ValueError(f"{self.name} is {amount:g}: {self.allowed} is needed")
@@ -98,19 +104,23 @@ class Condition:
         return f"{low:g} to {high:g}{unit}"
 
     def around(self, amount: float | None) -> tuple[float, float]:
-        """Return the usual range around a campaign's amount, within the allowed range.
+        """Return the range in which an amount varies by default, within the allowed range.
 
         Args:
-            amount: the campaign's amount; None if it sets none, which is not allowed where
-                `is_relative`.
+            amount: the campaign's amount. None if the campaign sets no amount: then the range is
+                `usual`; this is not allowed where `is_relative`.
         """
         low, high = self.usual
         if self.is_relative:
             assert amount is not None
             low, high = low * amount, high * amount
-        elif amount is not None and amount != self.nothing:
-            nothing = self.nothing or 0.0
-            spread = 0.5 * amount if nothing == math.inf else max(high - nothing, nothing - low)
+        elif amount is not None and amount != self.no_effect:
+            # As far to either side as the usual range is from no effect; where no effect is at
+            # infinity, as of the view, half of the amount.
+            no_effect = self.no_effect or 0.0
+            spread = (
+                0.5 * amount if no_effect == math.inf else max(high - no_effect, no_effect - low)
+            )
             low, high = amount - spread, amount + spread
         return max(low, self.low), min(high, self.high)
 
@@ -135,7 +145,7 @@ _BUILT_IN: Final = (
         low=0.05,
         high=1.0,
         usual=(0.4, 1.0),
-        nothing=1.0,
+        no_effect=1.0,
         attribute="wet",
         words=("a wetter stretch", "a drier stretch"),
     ),
@@ -157,7 +167,7 @@ _BUILT_IN: Final = (
         low=-40.0,
         high=40.0,
         usual=(-15.0, 15.0),
-        nothing=0.0,
+        no_effect=0.0,
         attribute="gust",
         words=("more gust to the right", "more gust to the left"),
     ),
@@ -179,7 +189,7 @@ _BUILT_IN: Final = (
         low=0.0,
         high=1000.0,
         usual=(0.0, 400.0),
-        nothing=0.0,
+        no_effect=0.0,
         attribute="load",
     ),
     Condition(
@@ -189,7 +199,7 @@ _BUILT_IN: Final = (
         low=0.0,
         high=200.0,
         usual=(0.0, 20.0),
-        nothing=0.0,
+        no_effect=0.0,
         wrapper="frenetic.drivers.wrappers:Hasty",
     ),
     Condition(
@@ -210,7 +220,7 @@ _BUILT_IN: Final = (
         low=0.0,
         high=10.0,
         usual=(0.0, 0.2),
-        nothing=0.0,
+        no_effect=0.0,
         wrapper="frenetic.drivers.wrappers:Noisy",
         is_seeded=True,
     ),
@@ -221,7 +231,7 @@ _BUILT_IN: Final = (
         low=0.0,
         high=10.0,
         usual=(0.0, 0.1),
-        nothing=0.0,
+        no_effect=0.0,
         wrapper="frenetic.drivers.wrappers:Delayed",
     ),
     Condition(
@@ -262,61 +272,70 @@ _BUILT_IN: Final = (
         low=1.0,
         high=FARTHEST,
         usual=(10.0, 50.0),
-        nothing=math.inf,
+        no_effect=math.inf,
         wrapper="frenetic.drivers.wrappers:LimitedView",
         words=("a shorter view", "a longer view"),
     ),
 )
 
-_BY_NAME: Final = {row.name: row for row in _BUILT_IN}
+_BUILT_IN_BY_NAME: Final = {condition.name: condition for condition in _BUILT_IN}
 
 
 def known_conditions() -> Mapping[str, Condition]:
-    """Return all conditions by name: the built-in ones, then those from installed packages.
+    """Return all conditions by name: built-in conditions, then conditions of installed packages.
 
     Raises:
         FreneticError: two conditions have the same name.
     """
-    return _table(installed(GROUP))
+    return _by_name(installed(GROUP))
 
 
 @cache
-def _table(entries: tuple[RegisteredPart, ...]) -> Mapping[str, Condition]:
-    table = dict(_BY_NAME)
+def _by_name(entries: tuple[RegisteredPart, ...]) -> Mapping[str, Condition]:
+    """Return the built-in conditions and the conditions of these entry points, by name."""
+    conditions = dict(_BUILT_IN_BY_NAME)
     for entry in entries:
-        for row in imported(entry.target):
-            if row.name in table:
+        for condition in imported(entry.target):
+            if condition.name in conditions:
                 raise FreneticError(
-                    f"two conditions are named {row.name!r}, one comes from {entry.origin}:"
+                    f"two conditions are named {condition.name!r}, one comes from {entry.origin}:"
                     " uninstall one of them"
                 )
-            table[row.name] = row
-    return MappingProxyType(table)
+            conditions[condition.name] = condition
+    return MappingProxyType(conditions)
 
 
-def named(conditions: Mapping[str, float]) -> list[str]:
-    """Return the names of the conditions that have amounts, without places and the seed."""
+def condition_names(conditions: Mapping[str, float]) -> list[str]:
+    """Return the names in a drive's conditions, without the seed and places such as ``gust_at``."""
     return [name for name in conditions if name != SEED and not condition_named(name).place_of]
 
 
 def without(conditions: Mapping[str, float], *names: str) -> dict[str, float]:
-    """Return conditions without some of them, their places, and an unneeded seed."""
-    left = [other for other in named(conditions) if other not in names]
-    has_seed = any(condition_named(other).is_seeded for other in left)
-    return {
-        other: amount
-        for other, amount in conditions.items()
-        if other not in names
-        and (has_seed if other == SEED else (condition_named(other).place_of or other) in left)
-    }
+    """Return the conditions of a drive without the named conditions.
+
+    Places of the named conditions are removed, too, and the seed if no other condition needs it.
+    """
+    remaining = [name for name in condition_names(conditions) if name not in names]
+    needs_seed = any(condition_named(name).is_seeded for name in remaining)
+
+    def stays(name: str) -> bool:
+        if name in names:
+            return False
+        if name == SEED:
+            return needs_seed
+        return (condition_named(name).place_of or name) in remaining
+
+    return {name: amount for name, amount in conditions.items() if stays(name)}
 
 
 def as_text(conditions: Mapping[str, float]) -> str:
-    """Return conditions in words, such as ``friction 0.4, gust 12 m/s at 80 m``."""
-    texts = {name: condition_named(name).text(conditions[name]) for name in named(conditions)}
+    """Return the conditions of a drive in words, such as ``friction 0.4, gust 12 m/s at 80 m``."""
+    texts = {
+        name: condition_named(name).text(conditions[name]) for name in condition_names(conditions)
+    }
     for name, amount in conditions.items():
-        if name != SEED and (of := condition_named(name).place_of) in texts:
-            texts[of] += f" at {amount:g} m"
+        if name != SEED and (place_of := condition_named(name).place_of) in texts:
+            texts[place_of] += f" at {amount:g} m"
     return ", ".join(texts.values())
 
 
@@ -327,24 +346,29 @@ def attributes() -> frozenset[str]:
 
 @cache
 def _attributes(entries: tuple[RegisteredPart, ...]) -> frozenset[str]:
-    return frozenset(row.attribute for row in _table(entries).values() if row.attribute)
+    conditions = _by_name(entries).values()
+    return frozenset(condition.attribute for condition in conditions if condition.attribute)
 
 
 def amounts_in(options: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the amounts that a simulator's options set: name of a condition -> its amount."""
-    names = {row.attribute: row.name for row in known_conditions().values() if row.attribute}
+    """Return the amounts that a simulator's options set, by the names of their conditions."""
+    names = {
+        condition.attribute: condition.name
+        for condition in known_conditions().values()
+        if condition.attribute
+    }
     return {names[option]: amount for option, amount in options.items() if option in names}
 
 
 def require_allowed(amounts: Mapping[str, float]) -> None:
-    """Check amounts of conditions. An amount without effect is allowed, and any seed.
+    """Check amounts of conditions. Any seed is allowed, and an amount without effect.
 
     Raises:
         UnknownNameError: no condition has one of the names.
         ValueError: an amount is out of its condition's range.
     """
     for name, amount in amounts.items():
-        if name != SEED and amount != condition_named(name).nothing:
+        if name != SEED and amount != condition_named(name).no_effect:
             condition_named(name).require(amount)
 
 
@@ -354,7 +378,7 @@ def condition_named(name: str) -> Condition:
     Raises:
         UnknownNameError: no condition has this name; the message lists the known names.
     """
-    if (built_in := _BY_NAME.get(name)) is not None:
+    if (built_in := _BUILT_IN_BY_NAME.get(name)) is not None:
         return built_in
     known = known_conditions()
     if name not in known:

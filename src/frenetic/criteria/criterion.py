@@ -1,14 +1,14 @@
-"""Criteria: limits on a drive beside staying in its lane, and named profiles of criteria.
+"""Criteria: limits on a drive beside staying in its lane, and named sets of criteria.
 
-A profile comes from `criteria.toml`, from an installed package (entry point group `GROUP`), or
-from a user's TOML file::
+A criteria set (called a profile on the command line and in the docs) comes from `criteria.toml`,
+from an installed package (entry point group `GROUP`), or from a user's TOML file::
 
     about = "what our passengers accept"
     lateral_acceleration = 2.5
     lateral_jerk = {limit = 4.0, window = 0.5, clause = "our handbook, 7.2"}
 
-Each limit has the name of a signal: one of `SIGNALS`, or a `Signal` that is the entry point
-of an installed package.
+Each limit has the name of a signal, which is a value measured at each record of a drive: one of
+`SIGNALS`, or a `Signal` that is an entry point of an installed package.
 """
 
 from __future__ import annotations
@@ -27,11 +27,11 @@ from msgspec import Struct, ValidationError, convert
 from frenetic._support.bounds import Finite, NotNegative, check
 from frenetic._support.entry_points import imported, installed
 from frenetic._support.files import read_bounded
+from frenetic._support.option_text import number_word
 from frenetic._support.outside_text import read_toml
-from frenetic._support.words import number_word
 from frenetic.errors import FreneticError
 
-GROUP: Final = "frenetic.criteria.criterion"
+GROUP: Final = "frenetic.criteria"
 """Entry point group of other packages' criteria sets and signals."""
 LANE: Final = "lane"
 """Criterion of leaving the lane: the share of the car's box outside it."""
@@ -40,9 +40,9 @@ DRIVER: Final = "driver"
 EDGE_DISTANCE: Final = "edge_distance"
 """Name of the signal that is the distance between the car's outline and its lane's edges."""
 COMPETITION: Final = "competition"
-"""Name of the profile that judges by leaving the lane alone."""
-_TEXTS: Final = ("about", "left_out")
-"""Texts of a profile in a file, beside its limits."""
+"""Name of the criteria set that is empty: only leaving the lane counts."""
+_TEXT_ENTRIES: Final = ("about", "left_out")
+"""Entries of a criteria set's file that are texts, not limits."""
 
 
 @dataclass(frozen=True)
@@ -52,14 +52,16 @@ class Signal:
     name: str
     unit: str
     about: str
+    """Description of the value, continuing the name."""
     scale: float
-    """Amount, in the unit, by which margins are divided to compare them between signals."""
+    """Amount, in the signal's unit, by which margins are divided to compare signals."""
     window: float = 0.0
-    """Usual window in s, see `Criterion.window`."""
+    """Default window in s, see `Criterion.window`."""
     is_least: bool = False
-    """Whether values below the limit breach it, rather than those above."""
+    """Whether the limit is a least value: values below it breach it, rather than values above."""
     has_sides: bool = False
-    """Whether the sign is a side, left positive; then the limit holds for the absolute value."""
+    """Whether the value's sign is a side of the car, left positive; then the limit holds for the
+    absolute value."""
     series: Callable[[Any, float], Any] | None = None
     """Function that computes the values, (n,), from a `frenetic.oracle.signals.LocatedDrive` and a
     window in s; None for built-in signals."""
@@ -76,45 +78,47 @@ class Signal:
 
 SIGNALS: Final[Mapping[str, Signal]] = MappingProxyType(
     {
-        limited.name: limited
-        for limited in (
+        signal.name: signal
+        for signal in (
             Signal(
                 EDGE_DISTANCE,
                 "m",
                 "least distance of the car's outline from an edge of its lane, negative outside",
-                1.0,
+                scale=1.0,
                 is_least=True,
             ),
             Signal(
                 "lateral_acceleration",
                 "m/s²",
                 "of the centre of mass across the car, to either side",
-                3.0,
+                scale=3.0,
                 has_sides=True,
             ),
             Signal(
                 "lateral_jerk",
                 "m/s³",
                 "change of the lateral acceleration, to either side",
-                5.0,
-                0.5,
+                scale=5.0,
+                window=0.5,
                 has_sides=True,
             ),
-            Signal("yaw_rate", "°/s", "to either side", 20.0, has_sides=True),
+            Signal("yaw_rate", "°/s", "to either side", scale=20.0, has_sides=True),
             Signal(
                 "steering_rate",
                 "°/s",
                 "change of the front wheels' angle, to either side",
-                20.0,
+                scale=20.0,
                 has_sides=True,
             ),
-            Signal("sway", "m", "way across the lane within the window", 1.0, 10.0),
-            Signal("acceleration", "m/s²", "along the car, when it speeds up", 2.0),
-            Signal("deceleration", "m/s²", "along the car, when it slows down", 3.0),
-            Signal("longitudinal_jerk", "m/s³", "change of the acceleration", 5.0, 0.5),
-            Signal("speed_excess", "km/h", "speed above the speed limit", 10.0),
-            Signal("stop", "s", "time for which the car stands still once it has moved", 5.0),
-            Signal("duration", "s", "simulated time of the drive", 60.0),
+            Signal("sway", "m", "way across the lane within the window", scale=1.0, window=10.0),
+            Signal("acceleration", "m/s²", "along the car, when it speeds up", scale=2.0),
+            Signal("deceleration", "m/s²", "along the car, when it slows down", scale=3.0),
+            Signal(
+                "longitudinal_jerk", "m/s³", "change of the acceleration", scale=5.0, window=0.5
+            ),
+            Signal("speed_excess", "km/h", "speed above the speed limit", scale=10.0),
+            Signal("stop", "s", "time for which the car stands still once it has moved", scale=5.0),
+            Signal("duration", "s", "simulated time of the drive", scale=60.0),
         )
     }
 )
@@ -148,15 +152,17 @@ class Criterion:
     limit: Finite
     """Limit in the signal's unit; a value equal to the limit is allowed."""
     window: NotNegative
-    """Time up to each record over which values are averaged, in s; 0 for single records. For the
-    sway, the time within which it happens."""
+    """Time before each record over which values are averaged, in s; 0 judges single records. Of
+    the signal ``sway``, the time within which the car sways."""
     clause: str = ""
     """Source of the limit, such as a clause of a standard."""
 
     def __post_init__(self) -> None:
         check(vars(self), Criterion)
         if signal_named(self.signal).has_sides and self.limit < 0.0:
-            raise ValueError(f"limit is {self.limit:g}: at least 0 is needed, as sides count alike")
+            raise ValueError(
+                f"limit is {self.limit:g}: at least 0 is needed, as it holds for both sides"
+            )
 
     def margin(self, value: float) -> float:
         """Return the distance of a value from the limit, in its unit; negative beyond it."""
@@ -164,8 +170,8 @@ class Criterion:
 
     def text(self) -> str:
         """Return the limit in words, such as ``at most 3 m/s²``."""
-        limited = signal_named(self.signal)
-        text = f"{'at least' if limited.is_least else 'at most'} {self.limit:g} {limited.unit}"
+        signal = signal_named(self.signal)
+        text = f"{'at least' if signal.is_least else 'at most'} {self.limit:g} {signal.unit}"
         if self.window:
             preposition = "within" if self.signal == "sway" else "in the mean of"
             text += f" {preposition} {self.window:g} s"
@@ -183,65 +189,73 @@ class CriteriaSet:
     name: str
     criteria: tuple[Criterion, ...] = ()
     about: str = ""
-    """Standard or text that the profile follows, in a sentence."""
+    """Standard that the criteria follow, or what they are for, in a sentence."""
     left_out: str = ""
-    """Demands of that text that no criterion judges."""
+    """Demands of the standard that no criterion judges."""
     driven_time: NotNegative = 0.0
-    """Simulated time, in s, that the drives of a campaign need together."""
+    """Simulated time that all drives of a campaign together need for the standard, in s."""
 
     def __post_init__(self) -> None:
         check(vars(self), CriteriaSet)
         names = [criterion.signal for criterion in self.criteria]
-        if twice := {name for name in names if names.count(name) > 1}:
-            raise ValueError(f"{min(twice)} has two limits: one is needed")
+        if repeated := {name for name in names if names.count(name) > 1}:
+            raise ValueError(f"{min(repeated)} has two limits: one is needed")
 
     def __bool__(self) -> bool:
-        """Return whether the profile has criteria beside leaving the lane."""
+        """Return whether there are criteria beside leaving the lane."""
         return bool(self.criteria)
 
     @classmethod
     def of(cls, name: str, options: Mapping[str, Any] = MappingProxyType({})) -> CriteriaSet:
-        """Return the profile with this name, or the profile of a TOML file.
+        """Return the criteria set with this name, or the set in a TOML file.
 
         Args:
-            name: one of `criteria_sets`, or the path of a file that ends in .toml.
-            options: limits that replace the profile's, or join them.
+            name: a key of `criteria_sets`, or the path of a file that ends in .toml.
+            options: name of a signal -> limit, see `with_limits`.
 
         Raises:
-            FreneticError: no profile has this name, the file cannot be read, or a limit is out of
-                range.
+            FreneticError: no criteria set has this name, the file cannot be read, or a limit is out
+                of range.
         """
         if name.endswith(".toml"):
             path = Path(name)
             try:
                 entries = read_toml(read_bounded(path))
-                profile = cls.from_entries(path.stem, entries)
+                criteria_set = cls.from_entries(path.stem, entries)
             except (ValueError, TypeError) as error:
-                raise FreneticError(f"{name} says no criteria: {error}") from None
+                raise FreneticError(f"{name} holds no criteria: {error}") from None
         elif name in (known := criteria_sets()):
-            profile = known[name]
+            criteria_set = known[name]
         else:
             raise FreneticError(
                 f"there are no criteria {name!r}: choose {', '.join(known)}, or a TOML file"
             )
         try:
-            return profile.with_limits(options)
+            return criteria_set.with_limits(options)
         except ValueError as error:
             raise FreneticError(f"criteria {name}: {error}") from None
 
     @classmethod
     def from_entries(cls, name: str, entries: Mapping[str, Any]) -> Self:
-        """Return the profile of a file's entries.
+        """Return the criteria set of a file's entries.
+
+        Args:
+            name: name of the set.
+            entries: the texts and ``driven_time``, and name of a signal -> limit or table.
 
         Raises:
             ValueError: a signal is unknown, or a limit is out of range.
         """
-        texts = {key: entries[key] for key in (*_TEXTS, "driven_time") if key in entries}
-        criteria = [_criterion(key, value) for key, value in entries.items() if key not in texts]
-        return cls(name, tuple(criteria), **texts)
+        fields = {key: entries[key] for key in (*_TEXT_ENTRIES, "driven_time") if key in entries}
+        criteria = [_criterion(key, value) for key, value in entries.items() if key not in fields]
+        return cls(name, tuple(criteria), **fields)
 
     def with_limits(self, limits: Mapping[str, Any]) -> CriteriaSet:
-        """Return the profile with these limits, which replace its own or join them.
+        """Return the criteria set with other limits.
+
+        Args:
+            limits: name of a signal -> its limit. The limit replaces the limit of the set's
+                criterion, whose window stays, or is added as a new criterion.
 
         Raises:
             ValueError: a signal is unknown, or a limit is out of range.
@@ -269,7 +283,7 @@ class CriteriaSet:
 
     def entries(self) -> dict[str, Any]:
         """Return the entries of a file, as `from_entries` takes them."""
-        entries = {key: text for key in _TEXTS if (text := getattr(self, key))}
+        entries = {key: text for key in _TEXT_ENTRIES if (text := getattr(self, key))}
         if self.driven_time:
             entries["driven_time"] = self.driven_time
         for criterion in self.criteria:
@@ -278,45 +292,52 @@ class CriteriaSet:
         return entries
 
     def entry(self) -> str | dict[str, Any]:
-        """Return the name with the changed limits, if they determine the profile; else all entries.
+        """Return the shortest value by which a spec stores this criteria set.
 
-        Example: ``after-un-r79,lateral_jerk=4``.
+        That is a text, the set's name with changed limits, such as
+        ``after-un-r79,lateral_jerk=4``; or a table of all entries, if the name and the limits do
+        not suffice to restore the set.
         """
         known = criteria_sets().get(self.name)
         if known is None:
             return self.whole_entry()
-        before = {criterion.signal: criterion for criterion in known.criteria}
-        changed = {
+        known_criteria = {criterion.signal: criterion for criterion in known.criteria}
+        changed_limits = {
             criterion.signal: criterion.limit
             for criterion in self.criteria
-            if before.get(criterion.signal) != criterion
+            if known_criteria.get(criterion.signal) != criterion
         }
-        if known.with_limits(changed) != self:
+        if known.with_limits(changed_limits) != self:
             return self.whole_entry()
-        limits = (f"{name}={number_word(limit)}" for name, limit in changed.items())
+        limits = (f"{name}={number_word(limit)}" for name, limit in changed_limits.items())
         return ",".join([self.name, *limits])
 
     def whole_entry(self) -> dict[str, Any]:
-        """Return name and entries, which do not depend on the profiles that are installed."""
+        """Return name and entries, from which the set can be restored wherever they are read."""
         return {"name": self.name, **self.entries()}
 
 
 JUDGED_BY_LANE: Final = CriteriaSet(
     COMPETITION, about="leaving the lane, as the competition judges"
 )
-"""Default profile: it judges drives by leaving the lane alone."""
+"""Default criteria set: drives are judged by leaving the lane alone."""
 
 
 class _CriterionEntry(Struct, forbid_unknown_fields=True):
-    """A criterion in a file."""
+    """Entry of a criteria set's file that is a table: the fields of a `Criterion`."""
 
     limit: float
     window: float | None = None
+    """Window in s; None for the signal's default."""
     clause: str = ""
 
 
 def _criterion(name: str, value: Any) -> Criterion:
-    """Return the criterion of a file's entry, which is a limit or a table of fields.
+    """Return the criterion of a file's entry.
+
+    Args:
+        name: name of the signal.
+        value: the limit, or a table of the fields of a `_CriterionEntry`.
 
     Raises:
         ValueError: the signal is unknown, or the limit is out of range.
@@ -328,24 +349,27 @@ def _criterion(name: str, value: Any) -> Criterion:
     except ValidationError as error:
         raise ValueError(f"{name}: {error}") from None
     except ValueError as error:
+        # The message says "limit is ..."; a user's file has the name of the signal instead.
         raise ValueError(str(error).replace("limit", name, 1)) from None
 
 
 @cache
-def _built_in_profiles() -> Mapping[str, CriteriaSet]:
-    """Return the profiles of `criteria.toml` by name, and the default profile."""
+def _built_in_sets() -> Mapping[str, CriteriaSet]:
+    """Return the default criteria set and the sets of `criteria.toml`, by name."""
     text = files("frenetic.criteria").joinpath("criteria.toml").read_text(encoding="utf-8")
     tables = tomllib.loads(text)
-    criteria_sets = {
+    return {COMPETITION: JUDGED_BY_LANE} | {
         name: CriteriaSet.from_entries(name, entries) for name, entries in tables.items()
     }
-    return {COMPETITION: JUDGED_BY_LANE} | criteria_sets
 
 
 def criteria_sets() -> Mapping[str, CriteriaSet]:
-    """Return name -> profile: the profiles of installed packages, then the built-in ones."""
-    installed_profiles = {}
+    """Return all criteria sets by name: installed packages come first, then the built-in sets.
+
+    A built-in set cannot be replaced by an installed set of the same name.
+    """
+    installed_sets = {}
     for entry in installed(GROUP):
         if isinstance(target := imported(entry.target), CriteriaSet):
-            installed_profiles[entry.name] = replace(target, name=entry.name)
-    return installed_profiles | dict(_built_in_profiles())
+            installed_sets[entry.name] = replace(target, name=entry.name)
+    return installed_sets | dict(_built_in_sets())

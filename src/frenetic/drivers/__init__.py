@@ -1,7 +1,6 @@
-"""Drivers: the Driver protocol, the built-in drivers, wrappers over any driver.
+"""Drivers: the `Driver` protocol, the built-in drivers, and wrappers over any driver.
 
-The names below are imported when they are used, so that the command line can look up what wrappers
-there are without waiting for numba.
+The names below are imported when they are used, so that the command line does not wait for numba.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""The built-in drivers."""
+"""The built-in drivers: parameters for the compiled laws of `frenetic.drivers.laws`."""
 
 from __future__ import annotations
 
@@ -16,8 +16,15 @@ from frenetic.drivers.elastic_band import MEMORY
 from frenetic.road.classes import GRAVITY
 
 
-def limits_of(observation: Observation, setup: FloatArray) -> FloatArray:
-    """Return speed limits at the points ahead, (n,) in m/s; if not observed, the start's."""
+def speed_limits_ahead(observation: Observation, setup: FloatArray) -> FloatArray:
+    """Return the speed limits at the points ahead, (n,) in m/s.
+
+    They are the limit at the start if the simulator does not observe limits.
+
+    Args:
+        observation: the observation.
+        setup: array that `laws.setup_array` makes of the `DriveSetup`.
+    """
     rows = len(observation.curvature_ahead)
     if len(observation.speed_limit_ahead) >= rows:
         return np.array(observation.speed_limit_ahead)
@@ -25,14 +32,17 @@ def limits_of(observation: Observation, setup: FloatArray) -> FloatArray:
 
 
 class BuiltIn:
-    """A driver whose law is a compiled kernel; the subclasses are its parameters."""
+    """Base of drivers whose law is a compiled kernel. A subclass has the law's parameters."""
 
     law: ClassVar[int]
+    """Number of the law, see `laws.decide`."""
     BEHAVIOUR: ClassVar[int] = 1
-    """Raised when its controls change; campaigns record it, see `frenetic.parts.versions`."""
+    """Version of the driver: increase it when its controls change. Campaigns record it, see
+    `frenetic.parts.versions`."""
 
     def __post_init__(self) -> None:
         take_numpy_scalars(self)
+        # Check the fields of the class in this module: a user's subclass may have others.
         built_in = next(kind for kind in type(self).__mro__ if kind.__module__ == __name__)
         check(vars(self), built_in)
 
@@ -48,20 +58,19 @@ class BuiltIn:
 
     def act(self, observation: Observation) -> Controls:
         """Return the law's controls."""
-        o = observation
         # Copies of the kind of array for which the rollout has compiled the kernels.
-        ahead, curvature_ahead = np.array(o.ahead, order="C"), np.array(o.curvature_ahead)
-        limit_ahead = limits_of(o, self._setup)
+        ahead = np.array(observation.ahead, order="C")
+        curvature_ahead = np.array(observation.curvature_ahead)
         steering, throttle, brake = laws.decide(
             self.law,
-            o.speed,
-            o.yaw_rate,
-            o.distance,
-            o.lateral_offset,
-            o.heading_error,
+            observation.speed,
+            observation.yaw_rate,
+            observation.distance,
+            observation.lateral_offset,
+            observation.heading_error,
             ahead,
             curvature_ahead,
-            limit_ahead,
+            speed_limits_ahead(observation, self._setup),
             len(ahead),
             self._parameters,
             self._setup,
@@ -72,10 +81,11 @@ class BuiltIn:
 
 @dataclass
 class SpeedPlanner(BuiltIn):
-    """The speed plan that built-in drivers share: a speed for the curves in view."""
+    """Base of built-in drivers that plan a speed for the curves in view, see `SpeedPlan`."""
 
     aggression: Positive = 1.0
-    """Scales both budgets; much more than 1 asks for more than the tyres can give."""
+    """Factor of `lateral_acceleration` and `braking`; much more than 1 asks for more than the tyres
+    can give."""
     lateral_acceleration: Positive = 8.0
     """Lateral acceleration in curves, in m/s^2 at aggression 1."""
     braking: Positive = 2.2
@@ -86,7 +96,7 @@ class SpeedPlanner(BuiltIn):
     """Acceleration per m/s of speed error, in 1/s."""
 
     def plan(self) -> list[float]:
-        """Return the parameters of the speed plan, the first of every law."""
+        """Return the parameters of the speed plan, which come first in `parameters`."""
         return [
             self.aggression * self.lateral_acceleration,
             self.aggression * self.braking,
@@ -99,19 +109,19 @@ class SpeedPlanner(BuiltIn):
 class Planner(SpeedPlanner):
     """A driver that knows the road ahead as BeamNG.AI does, and steers by pure pursuit.
 
-    Its speed keeps lateral acceleration on the road ahead within one budget, and braking before a
-    curve within another. It averages a curve over a short window and cuts the corner a little, so
-    it has weak spots: short sharp bends, and bends that follow each other closely, at the end of a
-    fast stretch.
+    Its speed keeps the lateral acceleration on the road ahead, and the braking before a curve,
+    within limits. It averages a curve's curvature over a short window and cuts the corner a little,
+    so it has weak spots: short sharp bends, and bends in close succession, at the end of a fast
+    stretch.
     """
 
     law: ClassVar[int] = laws.PLANNER
     BEHAVIOUR: ClassVar[int] = 1
 
     lookahead_time: NotNegative = 0.3
-    """Driving time to the point that is steered for, in s."""
+    """Driving time to the point to which the car steers, in s."""
     lookahead_min: Positive = 5.0
-    """Lookahead distance at rest, in m."""
+    """Distance to that point at rest, in m; `lookahead_time` adds to it."""
 
     def parameters(self) -> FloatArray:
         """Return the parameters of `laws.planner`."""
@@ -135,9 +145,10 @@ class Stanley(SpeedPlanner):
     offset_gain: Positive = 1.5
     """Rate at which a lateral offset is corrected, in 1/s."""
     softening: Positive = 2.0
-    """Speed that keeps the steering calm at low speed, in m/s."""
+    """Speed that is added to the car's speed in the correction of the lateral offset, in m/s: it
+    keeps the steering calm at low speed."""
     yaw_damping: NotNegative = 0.05
-    """Gain of steering against yaw rate beyond the road's, in s."""
+    """Steering angle per yaw rate in excess of the road's, against the yaw, in s."""
 
     def parameters(self) -> FloatArray:
         """Return the parameters of `laws.stanley`."""
@@ -155,12 +166,12 @@ class SpeedPlan:
         def act(self, observation):
             return self.plan.controls(observation, steering=...)
 
-    It keeps lateral acceleration in the curves of `Observation.ahead` within one budget, braking
-    before them within another, and the speed limit.
+    The planned speed keeps the speed limit, and keeps the lateral acceleration in the curves of
+    `Observation.ahead`, and the braking before them, within limits.
 
     Args:
-        setup: The setup with which the driver was reset.
-        driver: Driver whose budgets count, such as ``Planner(aggression=0.8)``; by default
+        setup: the setup with which the driver was reset.
+        driver: driver whose limits hold, such as ``Planner(aggression=0.8)``; by default
             `Planner`.
     """
 
@@ -169,25 +180,25 @@ class SpeedPlan:
         self._parameters = np.array((driver or Planner()).plan())
 
     def speed(self, observation: Observation) -> float:
-        """Return the speed planned for now, in m/s."""
+        """Return the speed that the plan has for the car's present position, in m/s."""
         curvature_ahead = np.array(observation.curvature_ahead)
-        wanted: float = laws.planned_speed(
+        speed: float = laws.planned_speed(
             curvature_ahead,
-            limits_of(observation, self._setup),
+            speed_limits_ahead(observation, self._setup),
             len(curvature_ahead),
             self._parameters[laws.LATERAL],
             self._parameters[laws.BRAKING],
             int(self._parameters[laws.SMOOTHING]),
         )
-        return wanted
+        return speed
 
     def controls(self, observation: Observation, steering: float) -> Controls:
-        """Return this steering, in rad, with pedals that bring the car to the planned speed."""
+        """Return controls with this steering in rad, and pedals that lead to the planned speed."""
         curvature_ahead = np.array(observation.curvature_ahead)
         throttle, brake = laws.planned_pedals(
             float(observation.speed),
             curvature_ahead,
-            limits_of(observation, self._setup),
+            speed_limits_ahead(observation, self._setup),
             len(curvature_ahead),
             self._parameters,
             self._setup,
@@ -199,51 +210,52 @@ class SpeedPlan:
 class BeamngAi(BuiltIn):
     """A model of BeamNG.AI as it drives in its lane: an elastic band, a speed plan, look-ahead.
 
-    `frenetic.drivers.elastic_band` says how it drives, `docs/beamng-ai.md` how well it follows
-    recorded drives and where the values come from. They are fitted together with the car
-    ``etk800`` of the embedded simulator, which it brings there. Roads are ranked by
-    `Result.max_oob_share`.
+    `frenetic.drivers.elastic_band` describes its law, and `docs/beamng-ai.md` how well it follows
+    recorded drives and where the default values come from. The values are fitted together with the
+    car ``etk800``, which the embedded simulator therefore uses for this driver by default.
 
-    The simulator of BeamNG.tech replaces this driver by BeamNG.AI itself and never asks it.
+    The simulator of BeamNG.tech uses BeamNG.AI itself in place of this driver, and never calls it.
     """
 
     law: ClassVar[int] = laws.BEAMNG_AI
     BEHAVIOUR: ClassVar[int] = 2
     VEHICLE: ClassVar[str] = "etk800"
-    """Car that the driver brings to an embedded simulator for which no car was chosen."""
+    """Car that the embedded simulator uses for this driver if the user chooses no car."""
 
     aggression: Positive = 0.7
-    """Share of grip used in bends, as BeamNG.AI's option; values beyond `grip` count as `grip`."""
+    """Lateral acceleration used in bends, in g, as BeamNG.AI's option; values beyond `grip` count
+    as `grip`."""
     grip: Positive = 1.0
-    """Friction of the tyres, as far as the driver knows."""
+    """Friction of the tyres that the driver assumes."""
     curve_speed: Positive = 1.0
-    """Planned lateral acceleration in bends, per min(aggression, grip) g."""
+    """Factor of the lateral acceleration planned in bends, which is this times
+    min(aggression, grip) g."""
     braking: Positive = 6.9
     """Deceleration planned before bends, in m/s^2."""
     node_spacing: Positive = 2.0
-    """Distance between the road's nodes, in lane widths; in BeamNG.tech, the width of the road."""
+    """Distance between the road's nodes, in lane widths. In BeamNG.tech it is the road's width."""
     band_strength: NotNegative = 115.0
-    """Speed at which a node is drawn to the inside of its turn, in m/s per 1 - cos of the turn."""
+    """Speed at which a node is drawn to the inside of its turn, in m/s, per 1 - cos(turn)."""
     band_recoil: NotNegative = 0.35
-    """Share of a node's draw by which both its neighbours are pushed outwards."""
+    """Share of a node's move by which both its neighbours are pushed to the outside."""
     clearance: Positive = 0.84
     """Distance of the plan from the edges of the lane, in car widths."""
     forgiveness: NotNegative = 0.87
     """Share of the distance to the plan by which the plan moves to the car in a second, in 1/s."""
     lookahead_time: NotNegative = 0.63
-    """Driving time to the point that is steered for, in s."""
+    """Driving time to the point to which the car steers, in s."""
     lookahead_min: Positive = 4.5
-    """Least distance to the point that is steered for, in m."""
+    """Least distance to the point to which the car steers, in m."""
     aiming_point: Positive = 4.7
-    """Place of the car that is led to that point, in m ahead of the rear axle: its front."""
+    """Distance from the rear axle to the car's front, which is led to that point, in m."""
     steering_gain: Positive = 0.6
-    """Angle of the front wheels per angle to the point that is steered for."""
+    """Angle of the front wheels per angle between the car and the direction to that point."""
     throttle_gain: Positive = 0.5
-    """Throttle per m/s that is missing beyond `speed_slack`, in s/m."""
+    """Throttle per m/s by which the car is slower than planned, beyond `speed_slack`, in s/m."""
     speed_slack: NotNegative = 1.0
-    """Speed that may be missing without throttle, in m/s."""
+    """Speed by which the car may be slower than planned without throttle, in m/s."""
     brake_gain: Positive = 1.0
-    """Brake per m/s too much, in s/m."""
+    """Brake per m/s by which the car is faster than planned, in s/m."""
 
     def parameters(self) -> FloatArray:
         """Return the parameters of `frenetic.drivers.elastic_band`."""

@@ -1,15 +1,17 @@
 """The law of `BeamngAi`: an elastic band within the lane, as kernels.
 
-The driver lays plan nodes along the lane, ``spacing`` metres apart and one in the middle of each
-gap, on the straight line between them. A node is drawn to the inside of the turn that the plan
-takes there, at ``strength * (1 - cos(angle))`` m/s, less ``recoil`` times the draws of its
-neighbours; it moves along its normal and stays within the lane. So the plan cuts corners. Where the
-car is off the plan, the plan moves to the car and forgives the error. The speed follows from the
-plan's curvature, and the front of the car steers for a point ahead on the smoothed plan.
+The driver's plan is a chain of nodes along the lane: one every ``spacing`` metres, and one in the
+middle of each gap, on the straight line between its neighbours. The chain behaves like an elastic
+band. A node is drawn to the inside of the turn that the plan takes there, at
+``strength * (1 - cos(angle))`` m/s, less ``recoil`` times the draws of its neighbours; it moves
+along its normal and stays within the lane. So the plan cuts corners. Where the car is off the plan,
+the plan moves to the car and forgives the error. The speed follows from the plan's curvature, and
+the front of the car steers for a point ahead on the smoothed plan.
 
-``memory`` is the driver's state between two calls: the nodes' lateral offsets from the
-middle of the lane, in m to the left, node ``j`` (at ``j * spacing / 2`` m of road) in place
-``j % NODES``, and one more than the number of the last node. It starts as zeros.
+``memory`` is the driver's state between two calls, (`MEMORY`,), zeros at the start of a drive.
+Entry ``j % NODES`` holds the lateral offset of node ``j``, which is ``j * spacing / 2`` m along the
+road, from the middle of the lane, in m to the left. The last entry, `NODES`, is one more than the
+number of the last node.
 
 What is known of BeamNG.AI is in ``research/beamng-ai.md``.
 """
@@ -26,7 +28,7 @@ from frenetic._support.compiled import njit
 from frenetic.drivers.driver import AHEAD_SPACING
 
 HORIZON: Final = 48.0
-"""Length of road that is planned ahead of the car at most, in m."""
+"""Longest road ahead of the car that is planned, in m."""
 MOST_SPEED: Final = 6.0
 """Fastest move of a node, in m/s: BeamNG.AI moves one by 0.1 m a frame at most, at 60 a second."""
 FORGIVEN: Final = 20.0
@@ -36,7 +38,7 @@ NODES: Final = 64
 MEMORY: Final = NODES + 1
 """Number of values in the memory."""
 
-# Indices of the parameters.
+# Indices of ``parameters``, see `frenetic.drivers.builtin.BeamngAi`.
 (
     LATERAL,
     BRAKING,
@@ -65,8 +67,8 @@ def lane_at(
 ) -> tuple[float, float]:
     """Return the point of the lane's middle ``u`` m of road ahead, in the car's frame in m.
 
-    Within the view, the line between two of its points is an arc. Behind the car the lane goes on
-    as a clothoid, beyond the view straight on.
+    Within the view, the line between two points is an arc. Behind the car the lane continues as a
+    clothoid, and beyond the view straight.
     """
     if u < 0.0:
         kappa = curvature_ahead[0]
@@ -108,7 +110,7 @@ def _lay_nodes(
 ) -> tuple[FloatArray, FloatArray]:
     """Return the lane's middle at 2 `count` - 1 nodes and its normals there, (n, 2) each.
 
-    Nodes lie at every `spacing` m of road, from number `first` on, and in the middle of each gap.
+    Nodes are `spacing` m of road apart, from number `first` on, and in the middle of each gap.
     """
     line = np.empty((count + 2, 2))
     for i in range(count + 2):
@@ -141,9 +143,9 @@ def _lay_nodes(
 
 @njit()
 def _recall(memory: FloatArray, number: int, nodes: int) -> FloatArray:
-    """Return the offsets of nodes from number `number` on as they were left, (nodes,) in m.
+    """Return the remembered offsets of `nodes` nodes from number `number` on, (nodes,) in m.
 
-    Nodes that come into view lie in the middle of the lane.
+    Nodes that have just come into view are in the middle of the lane.
     """
     end = number + nodes
     for j in range(int(memory[NODES]), end):
@@ -215,7 +217,7 @@ def _forgive(
     share: float,
     spacing: float,
 ) -> None:
-    """Move the nodes beyond gap `here` by a share of the car's error, in m, that fades out."""
+    """Move the nodes beyond gap `here` by `share`, in m, which fades out over `FORGIVEN` m."""
     nodes = len(plan)
     for i in range(here + 1, nodes):
         fading = 1.0 - 0.5 * spacing * (i - here - 1) / FORGIVEN
@@ -236,9 +238,10 @@ def _speed_square(
     distance: float,
     p: FloatArray,
 ) -> float:
-    """Return the square of the speed allowed at the node behind gap `here`, in m^2/s^2.
+    """Return the square of the speed allowed at the node after gap `here`, in m^2/s^2.
 
-    Squares are allowed at the nodes by their bends and by braking for what follows.
+    From the last node back to this node, the square is limited by the speed limit, by the bend at
+    each node, and by braking for the node after it.
     """
     nodes = len(plan)
     square = square_of_limit(limit_ahead, (number + nodes - 1) * 0.5 * spacing - distance)
@@ -259,7 +262,7 @@ def _speed_square(
 
 @njit()
 def _point_on_plan(plan: FloatArray, here: int, gap: float, rest: float) -> tuple[float, float]:
-    """Return the point `rest` m behind the beginning of gap `here`, which is `gap` m long.
+    """Return the point `rest` m after the beginning of gap `here`, which is `gap` m long.
 
     The corners of the plan are rounded by a quadratic B-spline.
     """
@@ -302,15 +305,12 @@ def drive_along_band(
     """Return the angle of the front wheels in rad, throttle and brake; update ``memory``.
 
     Args:
-        speed: m/s.
-        distance: m along the road.
-        heading_error: rad.
-        ahead, curvature_ahead, limit_ahead, rows: The view, see
-            `frenetic.drivers.driver.Observation`.
-        parameters: See `frenetic.drivers.builtin.BeamngAi.parameters`.
-        lane_width, car_width, rear_axle: m.
-        period: s between two calls.
-        memory: (MEMORY,), see the module's text.
+        speed, distance, heading_error: see `frenetic.drivers.driver.Observation`.
+        ahead, curvature_ahead, limit_ahead, rows: the view, see `frenetic.drivers.laws`.
+        parameters: see `frenetic.drivers.builtin.BeamngAi.parameters`.
+        lane_width, car_width, rear_axle: see `frenetic.drivers.driver.DriveSetup`.
+        period: time between two calls, in s.
+        memory: state of the driver, (`MEMORY`,), see the module's text.
     """
     p = parameters
     spacing = p[SPACING] * lane_width
@@ -334,7 +334,7 @@ def drive_along_band(
     here = _gap_of(plan, front)
     _move_band(plan, offset, middle, normal, here, bound, p, period)
 
-    # The place on the plan; the car's error goes into the nodes ahead.
+    # Find the car's position along the plan; its error beside the plan moves the nodes ahead.
     x = plan[here + 1, 0] - plan[here, 0]
     y = plan[here + 1, 1] - plan[here, 1]
     gap = math.hypot(x, y)

@@ -1,4 +1,4 @@
-"""The ego lane's centre line in the car's frame, at any distances."""
+"""The ego lane's centre line in the car's frame, at any distances from the car."""
 
 from __future__ import annotations
 
@@ -16,18 +16,19 @@ from frenetic.road.profile import value_at
 
 @dataclass(frozen=True, eq=False)
 class Lane:
-    """The ego lane's centre line as a driver sees it, by `Observation.lane`; arrays of n points."""
+    """The ego lane's centre line at n points, as `Observation.lane` returns it."""
 
     distances: FloatArray
-    """Distance along the road from the car, (n,) in m: 0 abreast of it, negative behind."""
+    """Distance along the road from the car, (n,) in m: 0 beside the car, negative behind it."""
     points: FloatArray
     """Points in the car's frame, (n, 2) in m: x ahead, y to the left of the centre of mass."""
     headings: FloatArray
-    """Direction of the lane less the car's, (n,) in rad, positive to the left; continuous."""
+    """Heading of the lane minus heading of the car, (n,) in rad, positive to the left; without
+    jumps by a full turn."""
     curvatures: FloatArray
     """Curvature of the lane, (n,) in 1/m, positive turns left."""
     grades: FloatArray
-    """Slope along the road, (n,) in m/m, positive rises; 0 on a flat road, as below."""
+    """Slope along the road, (n,) in m/m, positive rises."""
     superelevations: FloatArray
     """Slope across the road, (n,) in m/m, positive falls to the right."""
 
@@ -39,7 +40,13 @@ def lane_of(
     heading_error: float,
     distances: FloatArray,
 ) -> Lane:
-    """Return the lane of a road for a car at a place in it, see `Observation`."""
+    """Return the ego lane of a road, seen from a car.
+
+    Args:
+        road: the road.
+        distance, lateral_offset, heading_error: the car's position in the lane, see `Observation`.
+        distances: distances along the road from the car, (n,) in m.
+    """
     points, headings, curvatures = _lane(
         road.table,
         road.sub_step,
@@ -49,10 +56,9 @@ def lane_of(
         float(heading_error),
         distances,
     )
-    places = distance + distances
-    grades, superelevations = (
-        value_at(slope, places) for slope in (road.grade, road.superelevation)
-    )
+    stations = distance + distances
+    grades = value_at(road.grade, stations)
+    superelevations = value_at(road.superelevation, stations)
     for values in (distances, points, headings, curvatures, grades, superelevations):
         values.setflags(write=False)
     return Lane(distances, points, headings, curvatures, grades, superelevations)
@@ -68,9 +74,15 @@ def _lane(
     turned: float,
     distances: FloatArray,
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return points, headings and curvatures of a line ``offset`` m left of the centre line.
+    """Return points, headings and curvatures of a line beside the centre line, from a car.
 
-    The car is at ``s``, ``left`` m left of that line and turned by ``turned`` rad.
+    Args:
+        table, ds: the road, see `frenetic.road.geometry`.
+        offset: distance of the line to the left of the centre line, in m.
+        s: distance of the car along the road, in m.
+        left: distance of the car to the left of the line, in m.
+        turned: heading of the car minus heading of the road, in rad.
+        distances: distances from the car along the road, (n,) in m.
     """
     n = len(distances)
     points, headings, curvatures = np.empty((n, 2)), np.empty(n), np.empty(n)
@@ -87,6 +99,7 @@ def _lane(
         points[i, 0] = c * px + w * py
         points[i, 1] = c * py - w * px
         headings[i] = heading_at(table, ds, at) - heading
-        # A parallel of an arc is an arc about the same centre.
+        # The parallel of an arc is an arc about the same centre. Near the centre, the curvature is
+        # kept below 20 kappa.
         curvatures[i] = kappa / max(1.0 - offset * kappa, 0.05)
     return points, headings, curvatures

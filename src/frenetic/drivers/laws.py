@@ -1,8 +1,16 @@
-"""The built-in drivers' laws as kernels: the same code runs in the compiled rollout and in `act`.
+"""The built-in drivers' laws as kernels, which the compiled rollout and the drivers' `act` call.
 
-A rollout chooses a law by its number (`decide`). ``parameters`` is the law's own array, see the
-classes in `frenetic.drivers.builtin`; ``setup`` is the array made by `setup_array`; all is in SI
-units.
+A law computes steering angle, throttle and brake from an observation. Its number chooses it, see
+`decide`. All laws share these arguments; all values are in SI units:
+
+===================  ===============================================================
+``ahead``            points of the view, (n, 2), see `Observation.ahead`
+``curvature_ahead``  curvatures there, (n,), see `Observation.curvature_ahead`
+``limit_ahead``      speed limits there, (n,), see `Observation.speed_limit_ahead`
+``rows``             number of points in view, n
+``parameters``       the law's parameters, from the classes in `frenetic.drivers.builtin`
+``setup``            array that `setup_array` makes of the `DriveSetup`
+===================  ===============================================================
 """
 
 from __future__ import annotations
@@ -17,8 +25,9 @@ from frenetic.drivers.driver import AHEAD_SPACING, DriveSetup
 from frenetic.drivers.elastic_band import drive_along_band
 
 PLANNER, STANLEY, BEAMNG_AI = range(3)
+"""Numbers of the laws."""
 
-# Indices of the setup.
+# Indices of ``setup``.
 (
     SPEED_LIMIT,
     FRONT_AXLE,
@@ -30,18 +39,20 @@ PLANNER, STANLEY, BEAMNG_AI = range(3)
     CAR_WIDTH,
     PERIOD,
 ) = range(9)
-# Indices of the parameters of the speed plan, the first of every law.
+# Indices of ``parameters``. The parameters of the speed plan come first, for `planner` and
+# `stanley` alike.
 LATERAL, BRAKING, SPEED_GAIN, SMOOTHING = range(4)
-# Indices of the parameters of pure pursuit.
+# Further parameters of `planner`.
 LOOKAHEAD_TIME, LOOKAHEAD_MIN = 4, 5
-# Indices of the parameters of Stanley's law.
+# Further parameters of `stanley`.
 OFFSET_GAIN, SOFTENING, YAW_DAMPING = 4, 5, 6
 
 SPACING = AHEAD_SPACING
+"""Distance along the road between two points of the view, in m."""
 
 
 def setup_array(setup: DriveSetup) -> FloatArray:
-    """Return a `DriveSetup` as the laws take it."""
+    """Return the values of a `DriveSetup` that the laws need, (9,)."""
     return np.array(
         [
             setup.speed_limit,
@@ -66,20 +77,27 @@ def planned_speed(
     braking: float,
     smoothing: int,
 ) -> float:
-    """Return the speed, in m/s, that keeps every limit and curve in view within the budgets.
+    """Return the largest speed, in m/s, from which the car can keep every limit and curve in view.
 
-    Each curve allows sqrt(lateral / |kappa|), where kappa is the mean curvature over a window of
-    ``smoothing`` rows on each side; braking steadily from here, v^2 = v_curve^2 + 2 braking
-    distance. So does a lower limit ahead. Beyond the view, the road is assumed to go on unchanged.
-    ``limit_ahead`` has a row for each point of the view, or one row for all points.
+    A curve allows the speed sqrt(lateral / |kappa|), where kappa is the mean curvature over a
+    window of ``smoothing`` rows on each side. With steady braking, the car may now have a speed v
+    with v^2 = v_curve^2 + 2 braking distance; a lower speed limit ahead counts in the same way. The
+    road beyond the view does not count.
+
+    Args:
+        curvature_ahead, rows: see the module's text.
+        limit_ahead: speed limits at the points of the view, (n,), or one limit for all, (1,).
+        lateral: largest lateral acceleration in curves, in m/s^2.
+        braking: deceleration before curves and lower limits, in m/s^2.
+        smoothing: number of rows on each side of a row in its window.
     """
-    # The sums slide along, so that the cost does not depend on the window.
+    # The sum over the window is updated from row to row: the cost does not depend on its size.
     total = 0.0
     for j in range(min(smoothing, rows)):
         total += curvature_ahead[j]
-    best = limit_ahead[0] * limit_ahead[0]
+    square = limit_ahead[0] * limit_ahead[0]  # of the speed
     for i in range(1, min(rows, len(limit_ahead))):
-        best = min(best, limit_ahead[i] * limit_ahead[i] + 2.0 * braking * i * SPACING)
+        square = min(square, limit_ahead[i] * limit_ahead[i] + 2.0 * braking * i * SPACING)
     for i in range(rows):
         if i + smoothing < rows:
             total += curvature_ahead[i + smoothing]
@@ -87,9 +105,9 @@ def planned_speed(
             total -= curvature_ahead[i - smoothing - 1]
         count = min(i + smoothing, rows - 1) - max(i - smoothing, 0) + 1
         kappa = abs(total) / count
-        if kappa * best > lateral:
-            best = min(best, lateral / kappa + 2.0 * braking * i * SPACING)
-    return math.sqrt(best)
+        if kappa * square > lateral:
+            square = min(square, lateral / kappa + 2.0 * braking * i * SPACING)
+    return math.sqrt(square)
 
 
 @njit()
@@ -101,7 +119,7 @@ def planned_pedals(
     parameters: FloatArray,
     setup: FloatArray,
 ) -> tuple[float, float]:
-    """Return throttle and brake that bring the speed to the planned speed at the law's gain."""
+    """Return throttle and brake that lead from this speed to the planned speed."""
     wanted = planned_speed(
         curvature_ahead,
         limit_ahead,
@@ -126,16 +144,16 @@ def planner(
     parameters: FloatArray,
     setup: FloatArray,
 ) -> tuple[float, float, float]:
-    """Return steering, throttle and brake: speed from the road ahead, pure-pursuit steering.
+    """Return steering, throttle and brake by the speed plan and pure pursuit.
 
     Pure pursuit (R. C. Coulter, CMU-RI-TR-92-01): the front wheels take the arc that leads the
-    rear axle through the lane's centre one lookahead distance away.
+    rear axle through the point of the lane's centre at the lookahead distance.
     """
     throttle, brake = planned_pedals(speed, curvature_ahead, limit_ahead, rows, parameters, setup)
     lookahead = parameters[LOOKAHEAD_MIN] + parameters[LOOKAHEAD_TIME] * speed
-    place = min(lookahead / SPACING, rows - 1.0)
-    i = max(min(int(place), rows - 2), 0)
-    t = place - i
+    row = min(lookahead / SPACING, rows - 1.0)  # between rows i and j of the view
+    i = max(min(int(row), rows - 2), 0)
+    t = row - i
     j = min(i + 1, rows - 1)
     x = ahead[i, 0] + t * (ahead[j, 0] - ahead[i, 0]) + setup[REAR_AXLE]
     y = ahead[i, 1] + t * (ahead[j, 1] - ahead[i, 1])
@@ -158,11 +176,11 @@ def stanley(
     parameters: FloatArray,
     setup: FloatArray,
 ) -> tuple[float, float, float]:
-    """Return steering, throttle and brake: `planner`'s speed plan, Stanley's steering law.
+    """Return steering, throttle and brake by the speed plan and Stanley's steering law.
 
-    Hoffmann et al., "Autonomous Automobile Trajectory Tracking for Off-Road Driving", ACC 2007:
-    heading error plus the angle that takes the front axle back to the line, the lane's own
-    curvature fed forward, and the yaw rate damped.
+    Hoffmann et al., "Autonomous Automobile Trajectory Tracking for Off-Road Driving", ACC 2007. The
+    steering angle is the sum of four angles: for the lane's curvature, against the heading error,
+    back to the lane's centre, and against the yaw rate in excess of the lane's.
     """
     throttle, brake = planned_pedals(speed, curvature_ahead, limit_ahead, rows, parameters, setup)
     wheelbase = setup[FRONT_AXLE] + setup[REAR_AXLE]
@@ -194,10 +212,14 @@ def decide(
     setup: FloatArray,
     memory: FloatArray,
 ) -> tuple[float, float, float]:
-    """Return steering, throttle and brake by the law with a number.
+    """Return steering in rad, throttle and brake by the law with a number.
 
-    ``memory``, (`elastic_band.MEMORY`,), is a law's state from call to call within a drive; it
-    starts as zeros.
+    Args:
+        law: `PLANNER`, `STANLEY` or `BEAMNG_AI`.
+        speed, yaw_rate, distance, lateral_offset, heading_error: see `Observation`.
+        ahead, curvature_ahead, limit_ahead, rows, parameters, setup: see the module's text.
+        memory: state of the law between two calls, (`elastic_band.MEMORY`,); zeros at the start of
+            a drive.
     """
     if law == PLANNER:
         return planner(speed, ahead, curvature_ahead, limit_ahead, rows, parameters, setup)

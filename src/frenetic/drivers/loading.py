@@ -1,4 +1,4 @@
-"""Drivers by name, with their options, under the wrappers of some conditions."""
+"""Loading drivers by name, and putting drivers under the wrappers of conditions."""
 
 from __future__ import annotations
 
@@ -8,7 +8,8 @@ from collections.abc import Mapping
 from typing import Any
 
 from frenetic.conditions.condition import SEED, condition_named
-from frenetic.drivers.driver import Driver, OwnWrapper
+from frenetic.drivers.driver import Driver
+from frenetic.drivers.stack import OwnWrapper
 from frenetic.errors import FreneticError
 from frenetic.parts.registry import DRIVERS
 
@@ -16,64 +17,72 @@ from frenetic.parts.registry import DRIVERS
 def load_driver(
     spec: str, options: Mapping[str, Any] | None = None, **wrappers: float | None
 ) -> Driver:
-    """Return the driver of a name, of ``package.module:Class`` or of ``file.py:Class``.
+    """Return a new driver, under the wrappers of conditions.
 
     Args:
-        spec: Name of the driver.
-        options: Options that are passed to its class.
-        wrappers: Amounts of conditions of the driver, see `under`.
+        spec: a known name, ``package.module:Class`` or ``file.py:Class``.
+        options: options that are passed to the driver's class.
+        wrappers: amounts of conditions by name, see `under`; None for no condition.
 
     Raises:
-        FreneticError: The driver cannot be loaded or made, or an amount is out of range.
+        FreneticError: the driver cannot be loaded or made, or an amount is out of range.
     """
     driver: Driver = DRIVERS.make(spec, **(options or {}))
-    return under({name: value for name, value in wrappers.items() if value is not None}, driver)
+    amounts = {name: amount for name, amount in wrappers.items() if amount is not None}
+    return under(amounts, driver)
 
 
 def under(amounts: Mapping[str, float], driver: Driver) -> Driver:
-    """Return a driver under wrappers; each replaces the driver's wrapper of that kind.
+    """Return a driver under the wrappers of conditions.
+
+    A wrapper replaces the driver's wrapper of the same class.
 
     Args:
-        amounts: Name of a condition of `frenetic.conditions` -> its amount; conditions that are not
-            wrappers are skipped. ``noise`` is the lateral error of a `Noisy` wrapper, whose heading
-            error is 0.1 rad per m of it. `frenetic.conditions.condition.SEED` is the seed of random
+        amounts: name of a condition of `frenetic.conditions` -> its amount; conditions that are not
+            wrappers are skipped. `frenetic.conditions.condition.SEED` is the seed of random
             wrappers.
-        driver: Any driver.
+        driver: any driver.
 
     Raises:
-        FreneticError: There is no such condition, or an amount is out of range.
+        FreneticError: there is no such condition, or an amount is out of range.
     """
     seed = {"seed": int(amounts[SEED])} if SEED in amounts else {}
-    for row in [condition_named(name) for name in amounts if name != SEED]:
-        if row.wrapper:
-            kind = row.wrapper_class()
+    for condition in [condition_named(name) for name in amounts if name != SEED]:
+        if condition.wrapper:
+            wrapper_class = condition.wrapper_class()
             try:
-                amount = row.require(amounts[row.name])
-                bare = _without(kind, driver)
-                driver = _laid(kind, bare, amount, seed if row.is_seeded else {})
+                amount = condition.require(amounts[condition.name])
+                bare = _without(wrapper_class, driver)
+                options = seed if condition.is_seeded else {}
+                driver = _wrapped(wrapper_class, bare, amount, options)
             except ValueError as error:
                 raise FreneticError(str(error)) from None
     return driver
 
 
-def _without(kind: type[Any], driver: Driver) -> Driver:
-    """Return the driver without its wrappers of a kind."""
-    if isinstance(driver, kind):
-        return _without(kind, driver.driver)
-    return (
-        _over(driver, _without(kind, driver.driver)) if isinstance(driver, OwnWrapper) else driver
-    )
+def _without(wrapper_class: type[Any], driver: Driver) -> Driver:
+    """Return the driver without its wrappers of a class."""
+    if isinstance(driver, wrapper_class):
+        return _without(wrapper_class, driver.driver)
+    if isinstance(driver, OwnWrapper):
+        return _copied_over(driver, _without(wrapper_class, driver.driver))
+    return driver
 
 
-def _laid(kind: type[Any], driver: Driver, amount: float, seed: Mapping[str, int]) -> Driver:
-    """Return the driver under a wrapper, in its place among others; a foreign one is innermost."""
-    if isinstance(driver, OwnWrapper) and driver.place < getattr(kind, "place", math.inf):
-        return _over(driver, _laid(kind, driver.driver, amount, seed))
-    wrapped: Driver = kind.over(driver, amount, **seed)
+def _wrapped(
+    wrapper_class: type[Any], driver: Driver, amount: float, options: Mapping[str, int]
+) -> Driver:
+    """Return the driver under a new wrapper, at the wrapper's `place` in the stack.
+
+    A wrapper without a place, which comes from another package, is the innermost.
+    """
+    if isinstance(driver, OwnWrapper) and driver.place < getattr(wrapper_class, "place", math.inf):
+        return _copied_over(driver, _wrapped(wrapper_class, driver.driver, amount, options))
+    wrapped: Driver = wrapper_class.over(driver, amount, **options)
     return wrapped
 
 
-def _over(wrapper: OwnWrapper, driver: Driver) -> OwnWrapper:
+def _copied_over(wrapper: OwnWrapper, driver: Driver) -> OwnWrapper:
     """Return a copy of a wrapper over another driver."""
     wrapper = copy.copy(wrapper)
     wrapper.driver = driver

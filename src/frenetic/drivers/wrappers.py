@@ -1,8 +1,8 @@
-"""Wrappers over any driver: noise on what it sees, delay of what it does, a limited view, haste.
+"""Wrappers over any driver: errors about its position, late controls, a limited view, haste.
 
-Wrappers compose: ``Delayed(Noisy(Planner(), offset=0.2), seconds=0.1)``. They commute, as noise and
-view change what comes in and the delay what goes out. A built-in driver under one wrapper of each
-kind stays inside the compiled rollout.
+Wrappers can be combined, as in ``Delayed(Noisy(Planner(), offset=0.2), seconds=0.1)``, and their
+order does not matter: each changes other parts of the observation, or the controls. A built-in
+driver with at most one wrapper of each class still drives in the compiled rollout.
 """
 
 from __future__ import annotations
@@ -26,21 +26,28 @@ from frenetic.drivers.driver import (
     Driver,
     DriveSetup,
     Observation,
-    OwnWrapper,
 )
+from frenetic.drivers.stack import OwnWrapper
 
 HEADING_PER_OFFSET: Final = 0.1
-"""Heading error per lateral error, in rad per m, where only the lateral error is given."""
+"""Heading error per lateral error, in rad per m, if a user sets only the lateral error; our choice.
+"""
 
-_BLOCK = 256  # errors that are drawn at once
+_BLOCK: Final = 256  # number of errors that are drawn at once; part of the behaviour
 
 
 @njit()
 def disturb(ahead: FloatArray, rows: int, offset: float, heading: float) -> None:
-    """Move the view ahead, in place, as it looks to a car that errs about its place.
+    """Move the view ahead, in place, to where a car with a wrong position sees it.
 
     A car that believes itself ``offset`` m further left and turned by ``heading`` rad sees every
-    point further right, turned the other way.
+    point further right, and turned the other way.
+
+    Args:
+        ahead: points of the view, (n, 2) in m, see `Observation.ahead`.
+        rows: number of points that are moved.
+        offset: error of the lateral offset, in m.
+        heading: error of the heading, in rad.
     """
     c, s = math.cos(heading), math.sin(heading)
     for i in range(rows):
@@ -50,22 +57,22 @@ def disturb(ahead: FloatArray, rows: int, offset: float, heading: float) -> None
 
 
 _Error: TypeAlias = Annotated[float, Meta(ge=0.0, le=100.0)]
-"""Standard deviation of an error about the place, in m or in rad."""
+"""Standard deviation of an error, in m or in rad."""
 
 
 class Noisy(OwnWrapper):
-    """A driver that errs about its place: Gaussian errors that change slowly.
+    """A driver with errors about its lateral position and its heading, which change slowly.
 
-    Both errors are first-order autoregressive with the given standard deviations and correlation
-    time. Offset, heading error, place on the map and view ahead err alike, as they would when they
-    come from one localisation. Every drive sees the same errors, drawn from ``seed``.
+    Both errors are Gaussian and first-order autoregressive. They shift the lateral offset, the
+    heading error, the position on the map and the view ahead together, as the errors of one
+    localisation do. Every drive has the same errors, drawn from ``seed``.
 
     Args:
         driver: the driver underneath.
-        offset: m, standard deviation of the lateral error.
-        heading: rad, standard deviation of the heading error.
-        correlation_time: s after which an error has faded to 1/e.
-        seed: of the errors.
+        offset: standard deviation of the lateral error, in m.
+        heading: standard deviation of the heading error, in rad.
+        correlation_time: time after which an error has faded to 1/e, in s.
+        seed: seed of the errors.
     """
 
     place = 1
@@ -92,7 +99,7 @@ class Noisy(OwnWrapper):
         return cls(driver, offset=amount, heading=HEADING_PER_OFFSET * amount, seed=seed)
 
     def errors(self, period: float) -> ErrorSequence:
-        """Return the errors of one drive with a control period in s."""
+        """Return the errors in a drive whose control period is ``period`` s."""
         return ErrorSequence(self.offset, self.heading, self.correlation_time, self.seed, period)
 
     def reset(self, setup: DriveSetup) -> None:
@@ -107,50 +114,60 @@ class Noisy(OwnWrapper):
         self._calls += 1
         ahead = observation.ahead.copy()
         disturb(ahead, len(ahead), offset, heading)
-        along = observation.heading - observation.heading_error
+        lane_heading = observation.heading - observation.heading_error
         return self.driver.act(
             replace(
                 observation,
                 lateral_offset=observation.lateral_offset + offset,
                 heading_error=observation.heading_error + heading,
                 ahead=ahead,
-                x=observation.x - offset * math.sin(along),
-                y=observation.y + offset * math.cos(along),
+                x=observation.x - offset * math.sin(lane_heading),
+                y=observation.y + offset * math.cos(lane_heading),
                 heading=observation.heading + heading,
             )
         )
 
 
 class ErrorSequence:
-    """The errors (lateral, heading) of a `Noisy` driver, drawn as far as they are needed."""
+    """The lateral and heading errors of a `Noisy` driver in a drive, drawn when they are needed."""
 
     def __init__(
         self, offset: float, heading: float, correlation_time: float, seed: int, period: float
     ) -> None:
         self._rng = np.random.default_rng(seed)
-        self._scale = np.array([offset, heading])
-        self._keep = math.exp(-period / correlation_time)
-        self._rows = np.empty((0, 2))
+        self._deviations = np.array([offset, heading])
+        self._correlation = math.exp(-period / correlation_time)  # of successive errors
+        self._unscaled = np.empty((0, 2))  # the errors, divided by their standard deviations
 
     def upto(self, n: int) -> FloatArray:
-        """Return errors, (m, 2) in m and rad, m >= n; the same rows in every call."""
-        while len(self._rows) < n:
+        """Return at least the first n errors, (m, 2) in m and rad with m >= n.
+
+        An error is the same in every call.
+        """
+        while len(self._unscaled) < n:
             fresh = self._rng.standard_normal((_BLOCK, 2))
-            last = self._rows[-1] if len(self._rows) else self._rng.standard_normal(2)
-            self._rows = np.concatenate([self._rows, _autoregress(fresh, last, self._keep)])
-        scaled: FloatArray = self._rows * self._scale
-        return scaled
+            last = self._unscaled[-1] if len(self._unscaled) else self._rng.standard_normal(2)
+            correlated = _autoregress(fresh, last, self._correlation)
+            self._unscaled = np.concatenate([self._unscaled, correlated])
+        errors: FloatArray = self._unscaled * self._deviations
+        return errors
 
 
 @njit()
-def _autoregress(fresh: FloatArray, last: FloatArray, keep: float) -> FloatArray:
-    """Return standard normal rows that depend on the row before, with a variance of 1."""
+def _autoregress(fresh: FloatArray, last: FloatArray, correlation: float) -> FloatArray:
+    """Return rows (n, 2) of which each depends on the row before; each value has variance 1.
+
+    Args:
+        fresh: independent standard normal values, (n, 2).
+        last: row before the first, (2,).
+        correlation: correlation between a row and the next.
+    """
     out = np.empty_like(fresh)
-    gain = math.sqrt(1.0 - keep * keep)
+    gain = math.sqrt(1.0 - correlation * correlation)
     a, b = last[0], last[1]
     for i in range(len(fresh)):
-        a = keep * a + gain * fresh[i, 0]
-        b = keep * b + gain * fresh[i, 1]
+        a = correlation * a + gain * fresh[i, 0]
+        b = correlation * b + gain * fresh[i, 1]
         out[i, 0] = a
         out[i, 1] = b
     return out
@@ -159,7 +176,7 @@ def _autoregress(fresh: FloatArray, last: FloatArray, keep: float) -> FloatArray
 class Delayed(OwnWrapper):
     """A driver whose controls arrive late.
 
-    Until the first ones arrive, the car rolls with straight wheels and no pedal.
+    Until the first controls arrive, the car rolls with straight wheels and no pedal.
 
     Args:
         driver: the driver underneath.
@@ -185,12 +202,12 @@ class Delayed(OwnWrapper):
         return round(self.seconds / period)
 
     def reset(self, setup: DriveSetup) -> None:
-        """Forget the controls that are on their way."""
+        """Replace the waiting controls by controls without steering and pedals."""
         super().reset(setup)
         self._waiting = deque([Controls(0.0)] * self.periods(setup.period))
 
     def act(self, observation: Observation) -> Controls:
-        """Return the controls that the driver chose some time ago."""
+        """Return the controls that the driver chose a delay ago."""
         self._waiting.append(self.driver.act(observation))
         return self._waiting.popleft()
 
@@ -200,8 +217,9 @@ class LimitedView(OwnWrapper):
 
     Args:
         driver: the driver underneath.
-        distance: m of road; the view is cut to whole points 2 m apart, at least two.
-            `Observation.lane` ends there, too, also if it is longer than the view.
+        distance: length of road in view, in m. Of the points of `Observation.ahead`, which are 2 m
+            apart, those within this distance remain, at least two. `Observation.lane` ends at this
+            distance, too.
     """
 
     place = 2
@@ -235,11 +253,11 @@ class LimitedView(OwnWrapper):
 
 
 class Hasty(OwnWrapper):
-    """A driver that takes each speed limit for a higher one.
+    """A driver that takes each speed limit for a higher limit.
 
     Args:
         driver: the driver underneath.
-        excess: km/h above the limit.
+        excess: speed above the limit, in km/h.
     """
 
     place = 3
@@ -251,11 +269,11 @@ class Hasty(OwnWrapper):
 
     @classmethod
     def over(cls, driver: Driver, amount: float) -> Hasty:
-        """Return a driver that drives so many km/h over the limit."""
+        """Return a driver whose speed limits are ``amount`` km/h too high."""
         return cls(driver, excess=amount)
 
     def reset(self, setup: DriveSetup) -> None:
-        """Prepare for the next drive."""
+        """Prepare for the next drive, with a higher limit at the start."""
         super().reset(replace(setup, speed_limit=setup.speed_limit + self.excess / 3.6))
 
     def act(self, observation: Observation) -> Controls:
@@ -272,31 +290,38 @@ class Hasty(OwnWrapper):
 
 @dataclass(frozen=True)
 class Compiled:
-    """A built-in driver and its wrappers, flattened for the compiled rollout."""
+    """A built-in driver and its wrappers as numbers, for the compiled rollout."""
 
     law: int
+    """Number of the driver's law, see `frenetic.drivers.laws`."""
     parameters: FloatArray
+    """Parameters of the law."""
     rows: int
     """Number of points of the view."""
     delay: int
-    """Delay, in control periods."""
+    """Delay of the controls, in control periods."""
     errors: ErrorSequence | None
+    """Errors about the position; None without errors."""
     excess: float
     """Excess over the speed limit, in m/s."""
 
 
 def compiled_form(driver: Driver, period: float) -> Compiled | None:
-    """Return the driver for the compiled rollout, or None if it has to be called from Python.
+    """Return the driver for the compiled rollout; None if it has to be called from Python.
 
-    Only the built-in classes themselves qualify, under at most one wrapper of each kind: a subclass
-    may do anything in `act`.
+    Only the built-in classes themselves are compiled, with at most one wrapper of each class. A
+    subclass is not, as it may do anything in `act`.
+
+    Args:
+        driver: the driver with its wrappers.
+        period: control period of the rollout, in s.
     """
     rows, delay, errors, excess = AHEAD_POINTS, 0, None, 0.0
-    kinds = set()
+    wrapper_classes = set()
     while isinstance(driver, OwnWrapper) and type(driver) in (Noisy, Delayed, LimitedView, Hasty):
-        if type(driver) in kinds:
+        if type(driver) in wrapper_classes:
             return None
-        kinds.add(type(driver))
+        wrapper_classes.add(type(driver))
         if isinstance(driver, Noisy):
             errors = driver.errors(period)
         elif isinstance(driver, Delayed):

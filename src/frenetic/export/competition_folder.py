@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from frenetic._support.arrays import FloatArray
-from frenetic._support.words import text_cell
+from frenetic._support.printable import text_cell
 from frenetic.analysis.official_segment import failure_segment
 from frenetic.analysis.sparseness import MOST_COMPARED, largest_distances
 from frenetic.campaign.configuration import owner_of

@@ -14,9 +14,9 @@ import numpy as np
 from frenetic._support.arrays import FloatArray
 from frenetic.campaign.record import Test
 from frenetic.errors import RoadError
+from frenetic.oracle.assessment import assess
 from frenetic.oracle.drive import Drive
 from frenetic.oracle.outcome import Outcome
-from frenetic.oracle.verdict import assess
 from frenetic.road import Road, Verdict
 from frenetic.road.validity import interpolate
 

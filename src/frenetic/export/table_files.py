@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any, Final, TypeAlias
 import numpy as np
 from msgspec.json import encode
 
-from frenetic._support.words import text_cell
+from frenetic._support.printable import text_cell
 from frenetic.export.tables import (
     DICTIONARY_COLUMNS,
     CampaignSource,

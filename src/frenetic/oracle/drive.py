@@ -1,4 +1,4 @@
-"""A simulator's output: the trajectory of one drive, and its rules."""
+"""The record of one drive, which a simulator returns: trajectory, rules and the car's box."""
 
 from __future__ import annotations
 
@@ -36,16 +36,16 @@ class CarBody:
                 raise ValueError(f"the car's {name} is {value}: a positive number is needed")
 
     def to_array(self) -> FloatArray:
-        """Length, width and centre_ahead, (3,), as the kernels take them."""
+        """Return length, width and centre_ahead, (3,) in m, for the kernels."""
         return np.array([self.length, self.width, self.centre_ahead])
 
 
 class HasLimits(Protocol):
-    """A road or candidate, as far as its speed limits go."""
+    """An object with speed limits along a length: a `Road` or a `Candidate`."""
 
     @property
     def speed_limits(self) -> FloatArray | None:
-        """Speed limits, (k, 2) in m and km/h, as a `Road` has them; None for none."""
+        """Speed limits, (k, 2) in m and km/h, see `Road.speed_limits`; None without limits."""
 
     @property
     def length(self) -> float:
@@ -59,9 +59,10 @@ class Rules:
     speed_limit: float = 70.0
     """Speed limit where the road has no limit, in km/h; see `road_limits`."""
     oob_tolerance: float = 0.95
-    """Share (0..1] of the car's box that may be outside the ego lane; more is a FAIL."""
+    """Largest share of the car's box that may be outside the ego lane, above 0 and at most 1; a
+    larger share is a FAIL."""
     goal_distance: float = 8.0
-    """Distance from the road's last point at which the drive has passed, in m."""
+    """Distance from the road's last point at which the car has reached the end, in m."""
     stuck_distance: float = 1.0
     """Distance that a car has to move within `stuck_time`, in m."""
     stuck_time: float = 10.0
@@ -69,22 +70,22 @@ class Rules:
     timeout_base: float = 20.0
     """Time granted to every drive, in s, whatever its length."""
     timeout_speed: float = 2.5
-    """Mean speed below which a drive takes too long, in m/s: timeout = base + length / speed."""
+    """Mean speed that a drive has to reach beyond `timeout_base`, in m/s; see `timeout`."""
     criteria: CriteriaSet = JUDGED_BY_LANE
     """Criteria beside staying in the lane; a breach is a FAIL and does not end the drive."""
     road_limits: Literal["kept", "scaled", "ignored"] = "kept"
-    """Use of a road's own speed limits: kept, scaled until the highest is `speed_limit`, or
-    ignored, so that `speed_limit` holds everywhere."""
+    """Use of a road's own speed limits: ``kept`` as they are; ``scaled``, so that the highest is
+    `speed_limit`; or ``ignored``, so that `speed_limit` holds everywhere."""
     scaled_from: float | None = None
-    """Speed limit before scaling, in km/h, which holds where the road has no limit; None without
-    scaling."""
+    """Speed limit before scaling where the road has no limit, in km/h; None without scaling."""
 
     def __post_init__(self) -> None:
         take_numpy_scalars(self)
         check({"road_limits": self.road_limits}, Rules)
         for item in fields(self):
             value = getattr(self, item.name)
-            if item.name in ("criteria", "road_limits") or value is None:
+            is_number = item.name not in ("criteria", "road_limits")
+            if not is_number or value is None:
                 continue
             if not (np.isfinite(value) and value > 0.0):
                 raise ValueError(f"{item.name} is {value}: a positive number is needed")
@@ -119,7 +120,13 @@ class Rules:
         return float(self.speed_limits_on(road)[0, 1]) / 3.6
 
     def with_speed(self, amount: float) -> Rules:
-        """Return the rules with another speed limit in km/h, to which a road's own are scaled."""
+        """Return the rules with another speed limit.
+
+        The speed limits of a road are scaled to it, unless these rules ignore them.
+
+        Args:
+            amount: the speed limit, in km/h.
+        """
         if self.road_limits == "ignored":
             return replace(self, speed_limit=amount)
         base = self.scaled_from or self.speed_limit
@@ -128,34 +135,42 @@ class Rules:
     def limit_text(self, road: Road | None = None, class_name: str = "") -> str:
         """Return the speed limit of a road and its source in words.
 
+        Example: ``30 to 70 km/h, of the road; where it has none, 70 km/h, assumed``.
+
         Args:
-            road: the road; None for the roads of a search.
+            road: the road; None for the roads of a search, which have no limits.
             class_name: name of the road class to which `speed_limit` belongs; empty for no class.
         """
         from frenetic.road.profile import LIMITS, piece_of  # numba takes its time
 
-        otherwise = f"{self.speed_limit:.4g} km/h"
+        general_limit = f"{self.speed_limit:.4g} km/h"
         if self.road_limits == "kept":
-            otherwise += f", of {class_name}" if class_name else ", assumed"
+            general_limit += f", of {class_name}" if class_name else ", assumed"
         else:
-            otherwise += ", as given"
+            general_limit += ", as given"
         if road is None or self.road_limits == "ignored":
-            return otherwise
+            return general_limit
         limits = piece_of(LIMITS, road.speed_limits, 0.0, road.length)[:, 1]
         if not limits.any():
-            return otherwise
+            return general_limit
         if self.road_limits == "scaled":
             values = self.speed_limits_on(road)[:, 1]
-            return f"{_range(values)}, the road's own, scaled" if np.ptp(values) else otherwise
-        where = "" if limits.all() else f"; where it has none, {otherwise}"
-        return f"{_range(limits[limits > 0.0])}, of the road{where}"
+            if np.ptp(values) == 0.0:
+                return general_limit
+            return f"{_range_text(values)}, the road's own, scaled"
+        elsewhere = "" if limits.all() else f"; where it has none, {general_limit}"
+        return f"{_range_text(limits[limits > 0.0])}, of the road{elsewhere}"
 
     def timeout(self, road_length: float) -> float:
-        """Return the time after which a drive on a road of `road_length` m has failed, in s."""
+        """Return the longest time that a drive may take, in s; a longer drive fails.
+
+        Args:
+            road_length: length of the road, in m.
+        """
         return self.timeout_base + road_length / self.timeout_speed
 
 
-def _range(limits: FloatArray) -> str:
+def _range_text(limits: FloatArray) -> str:
     """Return speed limits in km/h in words, such as ``30 to 70 km/h``."""
     low, high = float(limits.min()), float(limits.max())
     return f"{low:.4g} to {high:.4g} km/h" if low < high else f"{low:.4g} km/h"
@@ -165,7 +180,8 @@ def _range(limits: FloatArray) -> str:
 class Trajectory:
     """The records of a drive at a fixed rate: columns of equal length (n,), read-only float64.
 
-    Places and headings are on the map; speeds and yaw rates are in the road's plane.
+    Coordinates and headings are on the map; speeds and yaw rates are in the plane of the road,
+    which may lean.
     """
 
     time: FloatArray
@@ -175,11 +191,11 @@ class Trajectory:
     y: FloatArray
     """Coordinate of the centre of mass, in m."""
     heading: FloatArray
-    """Heading in rad, counter-clockwise from +x, unwrapped."""
+    """Heading in rad, counter-clockwise from +x, without jumps by a full turn."""
     speed: FloatArray
     """Speed along the car, in m/s."""
     lateral_speed: FloatArray
-    """Lateral speed across the car in m/s, positive to the left."""
+    """Speed across the car in m/s, positive to the left."""
     yaw_rate: FloatArray
     """Yaw rate in rad/s, positive to the left."""
     steering: FloatArray
@@ -187,9 +203,9 @@ class Trajectory:
     steering_input: FloatArray
     """Angle that the driver asked for, in rad."""
     throttle: FloatArray
-    """Pedal position 0..1, as the driver asked."""
+    """Position of the throttle pedal, 0 to 1, that the driver asked for."""
     brake: FloatArray
-    """Pedal position 0..1, as the driver asked."""
+    """Position of the brake pedal, 0 to 1, that the driver asked for."""
 
     def __post_init__(self) -> None:
         n = len(self.time)
@@ -206,11 +222,15 @@ class Trajectory:
         return len(self.time)
 
     def __repr__(self) -> str:
-        """The trajectory at a glance."""
-        return f"<Trajectory of {len(self)} records, {self.time[-1] if len(self) else 0.0:.1f} s>"
+        """Return the numbers of records and seconds."""
+        return f"<Trajectory of {self.size_text()}>"
+
+    def size_text(self) -> str:
+        """Return the number of records and the time of the last record in words."""
+        return f"{len(self)} records, {self.time[-1] if len(self) else 0.0:.1f} s"
 
     def __reduce__(self) -> tuple[Any, ...]:
-        # Through the constructor, so that the columns are read-only again.
+        # Unpickling calls the constructor, so that the columns are read-only again.
         return Trajectory, tuple(getattr(self, name) for name in self.names())
 
     @cached_property
@@ -267,7 +287,7 @@ class Drive:
             )
 
     def __repr__(self) -> str:
-        """The drive at a glance."""
+        """Return the road's length, the trajectory's size and the trouble in short."""
         road = "" if self.road is None else f" on {self.road.length:.0f} m of road"
-        broken = "" if self.trouble is None else f", trouble: {self.trouble.reason}"
-        return f"<Drive{road}: {repr(self.trajectory)[15:-1]}{broken}>"
+        trouble = "" if self.trouble is None else f", trouble: {self.trouble.reason}"
+        return f"<Drive{road}: {self.trajectory.size_text()}{trouble}>"

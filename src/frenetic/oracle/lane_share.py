@@ -1,4 +1,9 @@
-"""Share of a car's box outside a lane: the kernel behind the oob share."""
+"""Oob share: the kernel that computes the share of a car's box outside a lane.
+
+The lane is cut into quadrilaterals by cross-sections. The car's box, a rectangle, is clipped
+against each quadrilateral (Sutherland and Hodgman's algorithm); the areas sum up to the part of the
+box inside the lane. Boxes that are surely inside are not clipped.
+"""
 
 from __future__ import annotations
 
@@ -8,22 +13,29 @@ import numpy as np
 
 from frenetic._support.arrays import FloatArray
 from frenetic._support.compiled import njit
-from frenetic.road.geometry import frame_at, widening_at
+from frenetic.road.geometry import CURVATURE, frame_at, widening_at
 
 SECTION = 0.5
-"""Distance between the cross-sections that cut the lane into quadrilaterals, in m.
+"""Distance between two cross-sections of the lane, in m; our choice.
 
-On the sharpest valid curve (radius 14.3 m) an edge then deviates by 2 mm, the share by 0.001.
+On the sharpest valid curve (radius 14.3 m), the edges of a quadrilateral are up to 2 mm away from
+the edges of the lane, and the share is wrong by up to 0.001.
 """
+_MIN_STRETCH = 0.3
+"""Least factor by which distances shrink towards the inside of a bend; our choice. A sharper bend
+is treated as having this factor."""
+_MOST_CORNERS = 12
+"""Rows of the arrays for clipped polygons: a rectangle cut by four lines has at most 8 corners."""
 
 
 @njit()
 def _clip(
     polygon: FloatArray, n: int, ax: float, ay: float, bx: float, by: float, out: FloatArray
 ) -> int:
-    """Write the part of a convex polygon (n vertices) left of the line a -> b into ``out``.
+    """Write the part of a convex polygon (n vertices) left of the line from a to b into ``out``.
 
-    Return the number of its vertices.
+    Returns:
+        Number of vertices of that part.
     """
     count = 0
     px, py = polygon[n - 1, 0], polygon[n - 1, 1]
@@ -63,7 +75,7 @@ def _sharpest_curvature(table: FloatArray, ds: float, start: float, end: float) 
         min(max(int(start / ds), 0), last),
         min(max(int(end / ds) + 1, 0), last) + 1,
     ):
-        sharpest = max(sharpest, abs(table[i, 3]))
+        sharpest = max(sharpest, abs(table[i, CURVATURE]))
     return sharpest
 
 
@@ -110,36 +122,39 @@ def share_outside(
 
     Args:
         table, ds: the road, see `frenetic.road.geometry`.
-        left, right: m, lateral offsets of the lane's edges, left > right; the right one is further
-            out where the lanes are wider.
-        s, d, road_heading: the centre of mass projected onto the road, the road's heading there.
-        x, y, heading: m, m, rad, centre of mass and heading of the car.
-        length, width, centre_ahead: m, the car's box, see `CarBody`.
-        least: the kernel may return 0 for a share that is surely below this one.
+        left, right: lateral offsets of the lane's edges without widening, in m, left > right.
+            Where the road widens, the right edge is further out.
+        s, d, road_heading: distance along the road and lateral offset of the centre of mass, in m,
+            and the road's heading there, in rad.
+        x, y, heading: centre of mass and heading of the car, in m, m and rad.
+        length, width, centre_ahead: the car's box, in m, see `CarBody`.
+        least: the kernel may return 0 for a share below ``least``, to save time.
     """
     half_length, half_width = 0.5 * length, 0.5 * width
     radius = math.hypot(half_length, half_width) + abs(centre_ahead)
     sharpest = _sharpest_curvature(table, ds, s - 2.0 * radius, s + 2.0 * radius)
-    # Most boxes are well inside: bound how far the box reaches sideways, the road's bend included.
+    # Most boxes are well inside. Bound how far the box reaches to a side, including how far the
+    # road bends away under the box.
     error = heading - road_heading
     reach_ahead = half_length + abs(centre_ahead)
     sideways = reach_ahead * abs(math.sin(error)) + half_width * abs(math.cos(error))
     stretch = 1.0 - sharpest * (abs(d) + radius)
-    if stretch > 0.3:
+    if stretch > _MIN_STRETCH:
         bend = 0.5 * sharpest * radius * radius / stretch
         if d + sideways + bend < left and d - sideways - bend > right:
             return 0.0
-        # A disc around the middle of the box that covers the rest, and a tenth more for the chords.
+        # If a disc in the middle of the box, with a share of 1 - least of its area, is inside the
+        # lane, then the share outside is below least. A tenth more for the chords of the lane.
         disc = 1.1 * math.sqrt((1.0 - least) * length * width / math.pi)
         aside = disc + abs(centre_ahead)
         if 2.0 * disc < min(length, width) and d + aside < left and d - aside > right:
             return 0.0
     box = _box_corners(heading, half_length, half_width, centre_ahead, x, y)
-    along = radius / max(stretch, 0.3)
+    along = radius / max(stretch, _MIN_STRETCH)
     sections = math.ceil(2.0 * along / SECTION)
     inside = 0.0
-    first = np.empty((12, 2))
-    second = np.empty((12, 2))
+    first = np.empty((_MOST_CORNERS, 2))
+    second = np.empty((_MOST_CORNERS, 2))
     lx0 = ly0 = rx0 = ry0 = 0.0
     for k in range(sections + 1):
         px, py, cosine, sine, _ = frame_at(table, ds, s - along + k * SECTION)
@@ -147,7 +162,8 @@ def share_outside(
         edge = right - widening_at(table, ds, s - along + k * SECTION)
         rx1, ry1 = px - edge * sine - x, py + edge * cosine - y
         if k > 0:
-            # The quadrilateral right0 -> right1 -> left1 -> left0 runs counter-clockwise.
+            # The quadrilateral right0, right1, left1, left0 is counter-clockwise, so its inside is
+            # left of each edge.
             m = _clip(box, len(box), rx0, ry0, rx1, ry1, first)
             m = _clip(first, m, rx1, ry1, lx1, ly1, second) if m else 0
             m = _clip(second, m, lx1, ly1, lx0, ly0, first) if m else 0

@@ -1,4 +1,4 @@
-"""Measures of a drive: the worst value of each signal, whether a criterion limits it or not."""
+"""Measures of a drive: the worst values of signals, for criteria and for reports."""
 
 from __future__ import annotations
 
@@ -16,7 +16,9 @@ if TYPE_CHECKING:
 
 
 def measure_criteria(road: Road, drive: Drive, criteria: Iterable[Criterion]) -> list[Measurement]:
-    """Return the worst values in a drive, without criteria whose window is longer than the drive.
+    """Return the worst value in a drive for each criterion.
+
+    Criteria are left out if their window is longer than the drive.
 
     Raises:
         FreneticError: a signal cannot be measured.
@@ -27,7 +29,7 @@ def measure_criteria(road: Road, drive: Drive, criteria: Iterable[Criterion]) ->
 
 
 def measures_json(road: Road, drive: Drive) -> list[dict[str, Any]]:
-    """Return the worst value of every signal in a drive, with the drive's limits, for JSON.
+    """Return the worst value of every signal in a drive, with its limit if it has one, for JSON.
 
     Raises:
         FreneticError: a signal cannot be measured.

@@ -1,4 +1,4 @@
-"""Outcomes: the ways in which a road test can end."""
+"""Outcomes of road tests."""
 
 from __future__ import annotations
 
@@ -11,15 +11,16 @@ class Outcome(StrEnum):
     """Outcome of a road test."""
 
     PASS = "PASS"
-    """The car reached the end of the road in its lane."""
+    """The car reached the end of the road in its lane, and no criterion was breached."""
     FAIL = "FAIL"
-    """The car left its lane, stood still or ran out of time."""
+    """The car left its lane, stood still, ran out of time or breached another criterion, or its
+    driver broke."""
     INVALID = "INVALID"
     """The road was refused, so nothing was driven."""
     ERROR = "ERROR"
-    """The simulator or the driver broke; nothing is known about the road."""
+    """The simulator broke; nothing is known about the road."""
     DROPPED = "DROPPED"
-    """The strategy lost interest in the road before it was driven; nothing is known about it."""
+    """The strategy no longer wanted the road before it was driven; nothing is known about it."""
 
     @classmethod
     def _missing_(cls, value: object) -> NoReturn:
@@ -33,7 +34,7 @@ class Outcome(StrEnum):
 
     @property
     def is_simulated(self) -> bool:
-        """Whether the test cost a simulation, also if the simulator broke."""
+        """Whether the test counts as a simulation: a drive, even if the simulator broke in it."""
         return self not in (Outcome.INVALID, Outcome.DROPPED)
 
     @property
@@ -43,7 +44,7 @@ class Outcome(StrEnum):
 
 
 def chosen_outcomes(outcomes: Outcome | str | Iterable[Outcome | str]) -> tuple[Outcome, ...]:
-    """Return the outcomes that a caller names, one or several; all if none is named.
+    """Return the outcomes that a caller names: one, several, or all if the caller names none.
 
     Raises:
         ValueError: an outcome has an unknown name.

@@ -1,8 +1,9 @@
 """The signals that criteria limit: their values at each record, and the worst value of a drive.
 
-Derivatives come from ``np.gradient``. The mean of a derivative over a window is the difference
-between the values at the window's ends, divided by the window. A value whose window begins before
-the drive does not count.
+A signal's value at a record is averaged over a window, the last seconds before the record. Without
+a window, derivatives come from ``np.gradient``; the mean of a derivative over a window is the
+difference between the values at the window's ends, divided by the window. A record whose window
+begins before the drive has no value (NaN).
 """
 
 from __future__ import annotations
@@ -26,15 +27,19 @@ from frenetic.road.geometry import project_near, reach_of
 from frenetic.road.profile import steps_at, value_at
 
 _POINTS_PER_SIDE: Final = 9
-"""Number of points on each side of the car whose distances from the lane's edges count; ours."""
-_STANDSTILL_SPEED: Final = 0.1  # [m/s], ours: a slower car stands
+"""Number of points on each side of the car whose distances from the lane's edges count; our
+choice."""
+_STANDSTILL_SPEED: Final = 0.1  # [m/s] a slower car stands still; our choice
+_TIME_ROUNDING: Final = 1e-9
+"""Time by which a window may begin before the drive, in s; our choice."""
 
 _Series: TypeAlias = Callable[["LocatedDrive", float], FloatArray]
+"""Function that returns a signal's values, (n,), in a drive, for a window in s."""
 
 
 @dataclass(frozen=True, eq=False)
 class LocatedDrive:
-    """A drive with the place of each record along its road, up to the record that ended it."""
+    """A drive with the position of each record on its road, up to the record that ended it."""
 
     road: Road
     path: Trajectory
@@ -48,9 +53,15 @@ class LocatedDrive:
 
     @classmethod
     def of(cls, road: Road, drive: Drive, distance: FloatArray, offset: FloatArray) -> Self:
-        """Return a drive whose first records are at these places, with strictly increasing times.
+        """Return a drive with the positions of its first records.
 
-        Of several records with the same time, the first stays.
+        Times increase strictly: of several records with the same time, the first stays.
+
+        Args:
+            road: the road.
+            drive: the drive; records without a position are left out.
+            distance: distance along the road, (n,) in m.
+            offset: distance left of the ego lane's centre line, (n,) in m.
         """
         n, path = len(distance), drive.trajectory
         is_later = np.diff(path.time[:n], prepend=-np.inf) > 0.0
@@ -60,64 +71,76 @@ class LocatedDrive:
 
     @cached_property
     def cached_series(self) -> dict[tuple[str, float], FloatArray]:
-        """Values that `series` has computed: name and window -> values."""
+        """Cache of `series`: name and window -> values."""
         return {}
 
     @cached_property
     def edge_distances(self) -> FloatArray:
         """Distances of the car's outline from the left and right edge of its lane, (n, 2) in m."""
         path, road, car = self.path, self.road, self.car
+        # Points on the right side of the car, then on its left side, in the car's frame.
         ahead = np.linspace(-0.5, 0.5, _POINTS_PER_SIDE) * car.length + car.centre_ahead
         ahead, left = np.tile(ahead, 2), np.repeat([-0.5, 0.5], _POINTS_PER_SIDE) * car.width
         cos, sin = np.cos(path.heading)[:, None], np.sin(path.heading)[:, None]
         x = path.x[:, None] + cos * ahead - sin * left
         y = path.y[:, None] + sin * ahead + cos * left
         reach = reach_of(float(np.hypot(ahead, left).max()))
-        places = _places(road.table, road.sub_step, x, y, self.distance, reach)
-        wider = value_at(road.widening, places[:, :, 0].ravel()).reshape(x.shape)
-        right = places[:, :, 1] + road.lane_width + wider
-        return np.column_stack([-places[:, :, 1].max(axis=1), right.min(axis=1)])
+        positions = _project_points(road.table, road.sub_step, x, y, self.distance, reach)
+        distances, offsets = positions[:, :, 0], positions[:, :, 1]
+        # The lane's left edge is the road's centre line.
+        widening = value_at(road.widening, distances.ravel()).reshape(x.shape)
+        to_right_edge = offsets + road.lane_width + widening
+        return np.column_stack([-offsets.max(axis=1), to_right_edge.min(axis=1)])
 
 
 @njit()
-def _places(
-    table: FloatArray, ds: float, x: FloatArray, y: FloatArray, along: FloatArray, reach: float
+def _project_points(
+    table: FloatArray, ds: float, x: FloatArray, y: FloatArray, distance: FloatArray, reach: float
 ) -> FloatArray:
-    """Return distance along the road and lateral offset, (n, m, 2), of points near (n,) places."""
+    """Return distances along the road and lateral offsets, (n, m, 2), of points (n, m).
+
+    The points of a row are projected near the row's ``distance`` (n,), up to ``reach`` m away.
+    """
     n, m = x.shape
-    places = np.empty((n, m, 2))
+    positions = np.empty((n, m, 2))
     for i in range(n):
         for k in range(m):
-            s, d = project_near(table, ds, x[i, k], y[i, k], along[i], reach)
-            places[i, k, 0] = s
-            places[i, k, 1] = d
-    return places
+            s, d = project_near(table, ds, x[i, k], y[i, k], distance[i], reach)
+            positions[i, k, 0] = s
+            positions[i, k, 1] = d
+    return positions
 
 
 # Filters
 
 
 def mean(time: FloatArray, values: FloatArray, window: float) -> FloatArray:
-    """Return the mean over the window up to each record, (n,).
+    """Return the mean of values over the window that ends at each record, (n,).
 
-    NaN where the window begins before the drive.
+    NaN where the window begins before the drive. Values are linear between records.
     """
     if window == 0.0:
         return values
     steps = np.diff(time) * 0.5 * (values[1:] + values[:-1])
     integral = np.concatenate([[0.0], np.cumsum(steps)])
     start = time - window
-    first = np.clip(np.searchsorted(time, start, side="right") - 1, 0, max(len(time) - 2, 0))
+    # The integral up to each window's start, which lies between two records.
+    before = np.clip(np.searchsorted(time, start, side="right") - 1, 0, max(len(time) - 2, 0))
     at_start = np.interp(start, time, values)
-    before = integral[first] + 0.5 * (start - time[first]) * (values[first] + at_start)
-    means: FloatArray = np.where(_is_whole(time, window), (integral - before) / window, np.nan)
+    integral_at_start = integral[before] + 0.5 * (start - time[before]) * (
+        values[before] + at_start
+    )
+    means: FloatArray = np.where(
+        _is_window_whole(time, window), (integral - integral_at_start) / window, np.nan
+    )
     return means
 
 
 def rate(time: FloatArray, values: FloatArray, window: float) -> FloatArray:
-    """Return the mean change per s over the window up to each record, (n,).
+    """Return the mean change of values per s over the window that ends at each record, (n,).
 
-    NaN where the window begins before the drive.
+    NaN where the window begins before the drive, or with one record. Without a window, the
+    derivative at the record.
     """
     if len(time) < 2:
         return np.full(len(time), np.nan)
@@ -125,33 +148,36 @@ def rate(time: FloatArray, values: FloatArray, window: float) -> FloatArray:
         gradient: FloatArray = np.gradient(values, time)
         return gradient
     change = (values - np.interp(time - window, time, values)) / window
-    mean_change: FloatArray = np.where(_is_whole(time, window), change, np.nan)
+    mean_change: FloatArray = np.where(_is_window_whole(time, window), change, np.nan)
     return mean_change
 
 
 def spread(time: FloatArray, values: FloatArray, window: float) -> FloatArray:
-    """Return the largest minus the least value within the window up to each record, (n,)."""
-    first = np.searchsorted(time, time - window - 1e-9)
+    """Return the largest minus the least value in the window that ends at each record, (n,).
+
+    A window that begins before the drive is cut.
+    """
+    first = np.searchsorted(time, time - window - _TIME_ROUNDING)
     return np.array([np.ptp(values[k : i + 1]) for i, k in enumerate(first)], dtype=np.float64)
 
 
-def _is_whole(time: FloatArray, window: float) -> npt.NDArray[np.bool_]:
-    """Return whether the window up to each record lies within the drive, (n,)."""
-    whole: npt.NDArray[np.bool_] = time - window >= time[0] - 1e-9
-    return whole
+def _is_window_whole(time: FloatArray, window: float) -> npt.NDArray[np.bool_]:
+    """Return whether the window that ends at each record lies within the drive, (n,)."""
+    is_whole: npt.NDArray[np.bool_] = time - window >= time[0] - _TIME_ROUNDING
+    return is_whole
 
 
 # Signals
 
 
-def _speeding_up(located: LocatedDrive) -> FloatArray:
+def _acceleration_along_car(located: LocatedDrive) -> FloatArray:
     """Return the acceleration of the centre of mass along the car, (n,) in m/s²."""
     path = located.path
     return rate(path.time, path.speed, 0.0) - path.lateral_speed * path.yaw_rate
 
 
 def _speed_excess(located: LocatedDrive, window: float) -> FloatArray:
-    """Return the speed above the speed limit, (n,) in km/h."""
+    """Return the mean speed in the window above the mean speed limit in it, (n,) in km/h."""
     limits = located.rules.speed_limits_on(located.road)
     speed = mean(located.path.time, located.path.speed, window)
     if len(limits) == 1:
@@ -184,34 +210,36 @@ _SERIES: Final[Mapping[str, _Series]] = MappingProxyType(
         ),
         "sway": lambda located, window: spread(located.path.time, located.lateral_offset, window),
         "acceleration": lambda located, window: mean(
-            located.path.time, _speeding_up(located), window
+            located.path.time, _acceleration_along_car(located), window
         ),
         "deceleration": lambda located, window: mean(
-            located.path.time, -_speeding_up(located), window
+            located.path.time, -_acceleration_along_car(located), window
         ),
         "longitudinal_jerk": lambda located, window: np.abs(
-            rate(located.path.time, _speeding_up(located), window)
+            rate(located.path.time, _acceleration_along_car(located), window)
         ),
         "speed_excess": _speed_excess,
         "stop": _standing,
         "duration": lambda located, _: located.path.time,
     }
 )
-"""Name of a signal -> function that returns its value at each record, (n,), in its unit."""
+"""Name of a built-in signal -> function that computes its values, (n,), in the signal's unit."""
 
 
 @dataclass(frozen=True)
 class Measurement:
-    """The worst value of a signal in a drive."""
+    """The worst value of a criterion's signal in a drive."""
 
     criterion: Criterion
     value: float
+    """The value; the absolute value if the signal has sides."""
     record: int
-    """Index of the record with this value."""
+    """Index of the record with this value, in `LocatedDrive.path`."""
     distance: float
     """Distance of that record along the road, in m."""
     side: Literal["left", "right"] | None
-    """Side to which the value points, or of the lane's nearer edge; None without sides."""
+    """Side to which the value points, or of the lane's nearer edge; None if the signal has no
+    sides."""
 
     @property
     def margin(self) -> float:
@@ -220,17 +248,17 @@ class Measurement:
 
     @property
     def share(self) -> float:
-        """Margin divided by the signal's scale, comparable between signals."""
+        """Margin divided by the signal's scale, which can be compared between signals."""
         return self.margin / signal_named(self.criterion.signal).scale
 
     def text(self) -> str:
         """Return value and limit in words."""
-        limited, criterion = signal_named(self.criterion.signal), self.criterion
-        return f"{limited.words} {limited.text(self.value)} ({criterion.text()})"
+        signal = signal_named(self.criterion.signal)
+        return f"{signal.words} {signal.text(self.value)} ({self.criterion.text()})"
 
 
 def series(name: str, located: LocatedDrive, window: float) -> FloatArray:
-    """Return the value of a signal at each record, (n,), in its unit; NaN where it has no value.
+    """Return the value of a signal at each record, (n,), in the signal's unit; NaN without a value.
 
     Raises:
         FreneticError: the function of another package's signal raised an error, or did not
@@ -250,36 +278,38 @@ def series(name: str, located: LocatedDrive, window: float) -> FloatArray:
 
 
 def measure(criterion: Criterion, located: LocatedDrive) -> Measurement | None:
-    """Return the worst value of a criterion's signal.
+    """Return the worst value of a criterion's signal; None if no record has a value.
 
-    None if the drive is shorter than the criterion's window.
+    No record has a value if the drive is shorter than the criterion's window.
 
     Raises:
         FreneticError: `series` cannot compute the values.
     """
-    limited = signal_named(criterion.signal)
-    values = series(limited.name, located, criterion.window)
+    signal = signal_named(criterion.signal)
+    values = series(signal.name, located, criterion.window)
     if not np.isfinite(values).any():
         return None
-    amounts = np.abs(values) if limited.has_sides else values
-    record = int(np.nanargmin(amounts) if limited.is_least else np.nanargmax(amounts))
-    is_left = bool(values[record] > 0.0)
-    if limited.name == EDGE_DISTANCE:
-        is_left = int(np.argmin(located.edge_distances[record])) == 0
+    amounts = np.abs(values) if signal.has_sides else values
+    record = int(np.nanargmin(amounts) if signal.is_least else np.nanargmax(amounts))
     side: Literal["left", "right"] | None = None
-    if limited.has_sides or limited.name == EDGE_DISTANCE:
-        side = "left" if is_left else "right"
+    if signal.name == EDGE_DISTANCE:
+        to_left_edge, to_right_edge = located.edge_distances[record]
+        side = "left" if to_left_edge <= to_right_edge else "right"
+    elif signal.has_sides:
+        side = "left" if values[record] > 0.0 else "right"
     distance = float(located.distance[record])
     return Measurement(criterion, float(amounts[record]), record, distance, side)
 
 
 def worst(name: str, located: LocatedDrive) -> Measurement | None:
-    """Return the worst value of a signal, in the window of the drive's criterion for it.
+    """Return the worst value of a signal in a drive, by the drive's criterion for the signal.
 
-    Without such a criterion, the signal's usual window counts.
+    Without such a criterion, the value is measured in the signal's default window against a limit
+    of 0.
 
     Raises:
         FreneticError: `series` cannot compute the values.
     """
     criteria = {criterion.signal: criterion for criterion in located.rules.criteria.criteria}
-    return measure(criteria.get(name) or Criterion(name, 0.0, signal_named(name).window), located)
+    unlimited = Criterion(name, limit=0.0, window=signal_named(name).window)
+    return measure(criteria.get(name, unlimited), located)

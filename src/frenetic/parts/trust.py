@@ -23,7 +23,8 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Final, NamedTuple, TypedDict
 
-from frenetic._support.words import part_word, shortened
+from frenetic._support.option_text import part_word
+from frenetic._support.printable import shortened
 from frenetic.errors import FreneticError
 from frenetic.parts.allowed_files import allow, is_allowed
 from frenetic.parts.named_code import REGISTRIES, Parts, named_code, without_number

@@ -36,7 +36,7 @@ from frenetic.rerun.old_version import FRESH, FreshRoads, fresh_roads
 from frenetic.rerun.rerun import drive_tests
 from frenetic.rerun.stability import Change
 from frenetic.simulators.simulator import Simulator
-from frenetic.spec.part_record import part_text
+from frenetic.spec.part_text import part_text
 
 SLOWER: Final = 0.01
 """Least relative increase of the median time at which a version counts as slower; ours."""

@@ -11,7 +11,7 @@ import numpy as np
 
 from frenetic._support.arrays import FloatArray
 from frenetic.analysis.clusters import THRESHOLD
-from frenetic.conditions.condition import named, without
+from frenetic.conditions.condition import condition_names, without
 from frenetic.criteria.criterion import LANE
 from frenetic.errors import (
     Fault,
@@ -172,10 +172,10 @@ class Minimising(Strategy):
     def _run_trials(self) -> Trials[None]:
         """Leave conditions out, then shrink the road, then move conditions towards the usual."""
         assert self.shrinker is not None
-        for name in named(self.conditions):
+        for name in condition_names(self.conditions):
             yield from self._in_conditions(without(self.conditions, name))
         yield from self.shrinker.run()
-        for name in named(self.conditions):
+        for name in condition_names(self.conditions):
             yield from self._towards_usual(name)
 
     def _in_conditions(self, conditions: Conditions) -> Trials[bool]:

@@ -21,7 +21,7 @@ from msgspec import structs
 
 from frenetic._support.bounds import require_count
 from frenetic._support.json_value import JSONValue
-from frenetic._support.words import part_word
+from frenetic._support.option_text import part_word
 from frenetic.campaign.counts import Counts
 from frenetic.campaign.database import DATABASE
 from frenetic.campaign.reader import SOURCES
@@ -33,6 +33,7 @@ from frenetic.campaign.tester import RoadTester
 from frenetic.errors import CampaignError
 from frenetic.parts.named_code import NOT_DRIVING, REGISTRIES
 from frenetic.parts.registry import DRIVERS, absolute_files
+from frenetic.parts.trust import require_trusted
 from frenetic.parts.user_modules import user_folders
 from frenetic.parts.versions import sources_named
 from frenetic.processes.interrupt import catch_interrupt
@@ -289,8 +290,9 @@ def as_recorded(
     with CampaignStore.open(folder) as store:
         sources: Any = store.fact(SOURCES)
         driving = {kind: part for kind, part in spec.parts.items() if kind not in NOT_DRIVING}
-        code_folder = signed_spec(store).require_trusted(
-            folder, needed=driving, sources=sources, is_trusted=is_trusted, optional=()
+        claim = signed_spec(store).code_claim(sources=sources)
+        code_folder = require_trusted(
+            folder, claim, needed=driving, is_trusted=is_trusted, optional=()
         )
     sources = sources if isinstance(sources, Mapping) else {}
     driver = spec.part("driver")

@@ -50,7 +50,8 @@ from frenetic.rerun.variations import Variation, draw_conditions, recorded_condi
 from frenetic.simulators.conditions import check_pair_in
 from frenetic.simulators.simulator import Simulator
 from frenetic.spec import Budget, Spec
-from frenetic.spec.part_record import part_text, version_notes
+from frenetic.spec.part_record import version_notes
+from frenetic.spec.part_text import part_text
 
 logger = logging.getLogger(__name__)
 

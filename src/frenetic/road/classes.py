@@ -1,28 +1,11 @@
 """Road classes: the rules by which roads are built for a design speed.
 
 A class comes from `classes.toml` by its name, or from a user's TOML file. A rule that the file
-leaves out follows from the design speed V in km/h:
+leaves out is computed from the design speed, see `frenetic.road.class_formulas`.
 
-================== ==================================================================
-``min_radius``     V² / (127 (e + f)), e the largest superelevation, f the side
-                   friction factor for V (AASHTO Green Book, minimum radius)
-``min_clothoid``   the largest of three, with R the least radius: sqrt(v³ / C), v in
-                   m/s, C = 1.2 m/s³ (AASHTO, spirals: lateral jerk);
-                   sqrt(R w e / g), w the lane's width, g the relative gradient of
-                   its edge for V (AASHTO, superelevation runoff); R / 3 (RAL, RAA)
-``min_arc``        the way of 2 s: V / 1.8 (RAL, RAA)
-``min_straight``   between bends to the same side: 6 V (RAS-L 1995); below 60 km/h
-                   the way of 2 s
-``min_crest``      100 S² / 658, S = 0.278 V 2.5 s + 0.039 V² / 3.4 m/s² the stopping
-                   sight distance (AASHTO, crest vertical curves)
-``min_sag``        100 V² / 395 (AASHTO, sag vertical curves: comfort)
-``widening``       D² / 2 for each lane, with D = 10 m from a long vehicle's rear axle to
-                   its front (RAS-L 1995); 0 where that widens no lane by 0.25 m
-================== ==================================================================
-
-Straights are level, and bends lean in proportion to their curvature up to ``max_superelevation`` at
-the least radius (AASHTO's method 1), so they lean along the clothoids. Lanes widen in proportion to
-the curvature, too.
+Straights do not lean. Bends lean in proportion to their curvature, up to ``max_superelevation`` at
+the least radius (AASHTO's method 1), so the slope changes along the clothoids. Lanes widen in
+proportion to the curvature, too.
 """
 
 from __future__ import annotations
@@ -43,11 +26,12 @@ from msgspec import Meta
 from frenetic._support.arrays import FloatArray
 from frenetic._support.bounds import NotNegative, Positive, check, converted
 from frenetic._support.files import read_bounded
+from frenetic._support.option_text import read_part
 from frenetic._support.outside_text import read_toml
-from frenetic._support.words import read_part
 from frenetic.criteria.criterion import COMPETITION
 from frenetic.errors import FreneticError
 from frenetic.road import profile
+from frenetic.road.class_formulas import completed
 from frenetic.road.conforming import NO_CHANGE, conform
 from frenetic.road.steady_parts import indices_of, knots, steady_parts
 from frenetic.road.validity import Verdict
@@ -57,23 +41,21 @@ if TYPE_CHECKING:
 
 GRAVITY: Final = 9.81
 """Acceleration of gravity, in m/s²: the standard 9.80665, rounded."""
-SPEEDS: Final = (20, 30, 40, 50, 60, 70, 80, 90, 100, 110, 120, 130)
-"""Design speeds of AASHTO's tables, in km/h."""
-_FRICTION: Final = (0.35, 0.28, 0.23, 0.19, 0.17, 0.15, 0.14, 0.13, 0.12, 0.11, 0.09, 0.08)
-"""Side friction factors for these design speeds (AASHTO)."""
-_GRADIENT: Final = (0.80, 0.75, 0.70, 0.65, 0.60, 0.55, 0.50, 0.47, 0.44, 0.41, 0.38, 0.35)
-"""Largest slopes of a lane's edge against its centre line for these speeds, in % (AASHTO)."""
-_JERK: Final = 1.2  # [m/s³] lateral jerk in a clothoid (AASHTO, spirals)
-_LONG_VEHICLE: Final = 50.0
-"""Half the square of the 10 m from a long vehicle's rear axle to its front, in m²."""
-_LEAST_WIDENING: Final = 0.25  # [m] a smaller widening is left out (RAS-L 1995)
-_ROUNDING: Final = 1e-9
-"""Share, 1/m, or number of steps by which a rounded value may miss a limit; ours."""
+_STEPS_ROUNDING: Final = 1e-9
+"""Number of steps by which a computed number of steps may exceed a whole number; our choice."""
+_SHARE_ROUNDING: Final = 1e-9
+"""Share of a limit by which a rounded value may exceed the limit; our choice."""
+_SLOPE_ROUNDING: Final = 1e-9
+"""Slope in m/m by which a rounded slope may exceed its limit, even a limit of 0; our choice."""
+_FRICTION_ROUNDING: Final = 1e-6
+"""Side friction by which a computed friction may exceed its limit; our choice."""
 _LENGTH_ROUNDING: Final = 1e-6
-"""Length in m, or share of a bend of the grade, by which a value may miss a limit; ours."""
+"""Length in m by which a rounded length may fall short of its limit; our choice."""
+_CREST_ROUNDING: Final = 1e-6
+"""Share of its limit by which the bend of a crest or a sag may exceed the limit; our choice."""
 
-_Speed: TypeAlias = Annotated[float, Meta(ge=20.0, le=250.0)]
-_Slope: TypeAlias = Annotated[float, Meta(ge=0.0, le=0.2)]
+_Speed: TypeAlias = Annotated[float, Meta(ge=20.0, le=250.0)]  # km/h
+_Slope: TypeAlias = Annotated[float, Meta(ge=0.0, le=0.2)]  # m/m
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -94,7 +76,7 @@ class RoadClass:
     lane_width: Positive
     """Width of a lane outside bends, in m."""
     widening: NotNegative
-    """Widening of a lane in a bend, times the bend's radius, in m²."""
+    """Product of a lane's widening in a bend and the bend's radius, in m²."""
     length: Positive
     """Usual length of a road that a search proposes, in m."""
     map_size: Positive
@@ -118,7 +100,7 @@ class RoadClass:
     min_sag: Positive
     """Least radius of a sag, in m."""
     sources: Mapping[str, str] = field(default_factory=dict)
-    """Rule -> its source."""
+    """Name of a rule -> source of its value, such as a guideline."""
 
     def __post_init__(self) -> None:
         # Whole numbers become floats: records of a class are equal, however a number was written.
@@ -136,7 +118,7 @@ class RoadClass:
 
         Args:
             name: one of `classes`, or the path of a file that ends in .toml.
-            options: values in place of the class's own.
+            options: values that replace values of the class; they lose their sources.
 
         Raises:
             FreneticError: no class has this name, the file cannot be read, or a value is unknown
@@ -145,7 +127,7 @@ class RoadClass:
         entries: Mapping[str, Any]
         changed = options or {}
         if name.endswith(".toml"):
-            entries, class_name = _read(Path(name)), Path(name).stem
+            entries, class_name = _read_entries(Path(name)), Path(name).stem
         else:
             class_name = name
             if name not in classes():
@@ -177,51 +159,10 @@ class RoadClass:
         if "design_speed" not in entries:
             raise ValueError("design_speed is missing: km/h are needed")
         check(entries, RoadClass)
-        speed = float(entries["design_speed"])
-        values = {
-            "speed_limit": speed,
-            "lane_width": 3.5,
-            "length": 2000.0,
-            "max_superelevation": 0.06,
-            "max_grade": 0.06,
-            "widening": 0.0,
-            "step": float(max(round(speed / 5.0), 5)),
-            **entries,
-        }
-        slope, width = float(values["max_superelevation"]), float(values["lane_width"])
-        friction, gradient = friction_at(speed), float(np.interp(speed, SPEEDS, _GRADIENT))
-        radius = float(values.get("min_radius", speed**2 / (127.0 * (slope + friction))))
-        square = max(
-            (speed / 3.6) ** 3 / _JERK,
-            100.0 * radius * width * slope / gradient,
-            (radius / 3.0) ** 2,
-        )
-        sight = 0.278 * speed * 2.5 + 0.039 * speed**2 / 3.4
-        if _LONG_VEHICLE / radius >= _LEAST_WIDENING:
-            values = {**values, "widening": entries.get("widening", _LONG_VEHICLE)}
-        derived = {
-            "min_radius": radius,
-            "min_clothoid": math.sqrt(square),
-            "min_arc": speed / 1.8,
-            "min_straight": 6.0 * speed if speed >= 60.0 else speed / 1.8,
-            "min_crest": 100.0 * sight**2 / 658.0,
-            "min_sag": 100.0 * speed**2 / 395.0,
-        }
-        for name, value in derived.items():
-            # Rounded up to whole metres, so that the rule holds.
-            values.setdefault(name, float(math.ceil(value - 1e-6)))
-        values.setdefault("map_size", 100.0 * math.ceil(float(values["length"]) / 100.0 + 1.0))
-        formulas = dict.fromkeys(derived, f"AASHTO Green Book, for {speed:g} km/h") | {
-            "min_arc": "RAL, RAA: the way of 2 s",
-            "min_straight": "RAS-L 1995: 6 V" if speed >= 60.0 else "the way of 2 s",
-            "widening": "RAS-L 1995: D² / 2, D = 10 m; none below 0.25 m",
-        }
-        sources = {name: text for name, text in formulas.items() if name not in entries}
-        sources |= entries.get("sources", {})
-        return cls(**values | {"sources": sources})
+        return cls(**completed(entries))
 
     def as_json(self) -> dict[str, Any]:
-        """Return the values, as `from_entries` takes them."""
+        """Return the values, for JSON; `from_entries` returns the same class from them."""
         return asdict(self)
 
     def as_text(self) -> str:
@@ -230,9 +171,9 @@ class RoadClass:
 
     @property
     def plain(self) -> str:
-        """Text of the class with flat roads of one width, such as ``rural-80,max_grade=0``.
+        """Text by which a user chooses this class with flat roads of constant width.
 
-        Empty if the roads of this class are flat and have one width.
+        Example: ``rural-80,max_grade=0``. Empty if the roads of this class are such roads.
         """
         rules = ("max_superelevation", "max_grade", "widening")
         zeros = [f"{name}=0" for name in rules if getattr(self, name)]
@@ -247,32 +188,42 @@ class RoadClass:
         return 1.0 / self.min_radius
 
     def limits(self, step: float) -> FloatArray:
-        """Return the limits for `conform`, (4,), for values that are ``step`` m apart.
+        """Return the limits for `conform`, (4,), for curvatures that are ``step`` m apart.
 
-        Largest curvature in 1/m, its largest change from value to value, and the least numbers of
-        values of an arc and of a straight between two bends to the same side.
+        The limits are: the largest curvature in 1/m; the largest change from a curvature to the
+        next, in 1/m; the least number of steps in an arc; and the least number of steps in a
+        straight between two bends to the same side.
         """
         return np.array(
             [
                 self.max_curvature,
                 step / self.min_clothoid**2,
-                math.ceil(self.min_arc / step - _ROUNDING),
-                math.ceil(self.min_straight / step - _ROUNDING),
+                math.ceil(self.min_arc / step - _STEPS_ROUNDING),
+                math.ceil(self.min_straight / step - _STEPS_ROUNDING),
             ]
         )
 
     def conformed(self, curvatures: FloatArray, step: float) -> FloatArray:
-        """Return curvatures, (N,) 1/m, that meet the rules, as near to other ones as possible.
+        """Return curvatures, (N,) 1/m, that meet the rules and follow the passed curvatures.
 
-        Curvatures that meet the rules stay as they are.
+        Curvatures that meet the rules come back unchanged; see `conform`.
         """
         values = np.array(curvatures, dtype=np.float64)
         conform(values, self.limits(step), np.empty_like(values))
         return values
 
     def profiles(self, curvatures: FloatArray, step: float) -> dict[str, Any]:
-        """Return superelevation and widening, (k, 2), of a road with (N,) curvatures in 1/m."""
-        # To the inside of the bend: a left bend, of positive curvature, rises to the right.
+        """Return the superelevation and widening of a road in this class.
+
+        Args:
+            curvatures: the road's curvatures, (N,) in 1/m.
+            step: distance between two curvatures, in m.
+
+        Returns:
+            Name of a profile -> the profile, (k, 2), see `Road`; without profiles that are 0.
+        """
+        # A road leans to the inside of a bend. In a left bend, whose curvature is positive, its
+        # right edge is higher, and that is a negative superelevation.
         leaning = -self.max_superelevation * self.min_radius * curvatures
         columns = {"superelevation": leaning, "widening": self.widening * np.abs(curvatures)}
         stations = np.arange(len(curvatures)) * step
@@ -285,7 +236,10 @@ class RoadClass:
     # Grade
 
     def conformed_grades(self, grades: FloatArray, step: float) -> FloatArray:
-        """Return grades, (N,), that meet the rules and follow other ones as far as possible."""
+        """Return grades, (N,), that meet the rules and follow the passed grades.
+
+        From the first grade on, each is as near to the passed one as the grade before allows.
+        """
         conformed = np.clip(grades, -self.max_grade, self.max_grade)
         down, up = step / self.min_crest, step / self.min_sag
         for i in range(1, len(conformed)):
@@ -299,7 +253,7 @@ class RoadClass:
         return next(_find_breaches(self, road), "")
 
     def verdict(self, road: Road) -> Verdict:
-        """Return whether a road meets the rules, with the first breach as message."""
+        """Return the verdict on a road by the rules, with the first breach as its message."""
         text = self.breach(road)
         return Verdict(not text, text)
 
@@ -309,31 +263,40 @@ class RoadClass:
 
 def _find_breaches(rules: RoadClass, road: Road) -> Iterator[str]:
     """Yield each breach of the rules by a road, in words."""
-    yield from _breaches_of_curvature(rules, road)
-    yield from _breaches_of_length(rules, road)
-    yield from _breaches_across(rules, road)
-    yield from _breaches_of_grade(rules, road)
-    yield from _breaches_of_width(rules, road)
+    yield from _curvature_breaches(rules, road)
+    yield from _length_breaches(rules, road)
+    yield from _superelevation_breaches(rules, road)
+    yield from _grade_breaches(rules, road)
+    yield from _width_breaches(rules, road)
 
 
-def _text(rules: RoadClass, rule: str, fact: str, needed: str) -> str:
-    """Return a breach in words: the fact about the road, and what the rule needs."""
+def _breach_text(rules: RoadClass, rule: str, fact: str, needed: str) -> str:
+    """Return a breach in words, such as "A radius of 50 m at 20 m: rural-80 needs at least 240 m".
+
+    Args:
+        rules: the class.
+        rule: name of the rule, whose source is added.
+        fact: the fact about the road.
+        needed: the value that the rule needs.
+    """
     source = rules.sources.get(rule, "")
     return f"{fact}: {rules.name} needs {needed}" + (f" ({source})" if source else "")
 
 
-def _breaches_of_curvature(rules: RoadClass, road: Road) -> Iterator[str]:
+def _curvature_breaches(rules: RoadClass, road: Road) -> Iterator[str]:
+    """Yield bends and clothoids that are too sharp, in words."""
     values, step = road.curvatures, road.step
-    for i in indices_of(np.abs(values) > rules.max_curvature * (1.0 + _ROUNDING)):
+    for i in indices_of(np.abs(values) > rules.max_curvature * (1.0 + _SHARE_ROUNDING)):
         fact = f"A radius of {1.0 / abs(values[i]):.0f} m at {i * step:.0f} m"
-        yield _text(rules, "min_radius", fact, f"at least {rules.min_radius:g} m")
+        yield _breach_text(rules, "min_radius", fact, f"at least {rules.min_radius:g} m")
     changes = np.abs(np.diff(values)) / step
-    for i in indices_of(changes > (1.0 + _ROUNDING) / rules.min_clothoid**2):
+    for i in indices_of(changes > (1.0 + _SHARE_ROUNDING) / rules.min_clothoid**2):
         fact = f"A clothoid with A of {1.0 / math.sqrt(changes[i]):.0f} m at {i * step:.0f} m"
-        yield _text(rules, "min_clothoid", fact, f"at least {rules.min_clothoid:g} m")
+        yield _breach_text(rules, "min_clothoid", fact, f"at least {rules.min_clothoid:g} m")
 
 
-def _breaches_of_length(rules: RoadClass, road: Road) -> Iterator[str]:
+def _length_breaches(rules: RoadClass, road: Road) -> Iterator[str]:
+    """Yield arcs, and straights between bends to the same side, that are too short."""
     step = road.step
     for part in steady_parts(road.curvatures):
         length, start = (part.last - part.first) * step, part.first * step
@@ -345,62 +308,63 @@ def _breaches_of_length(rules: RoadClass, road: Road) -> Iterator[str]:
         else:
             continue
         if length < least - _LENGTH_ROUNDING:
-            yield _text(rules, rule, f"{fact} at {start:.0f} m", f"at least {least:g} m")
+            yield _breach_text(rules, rule, f"{fact} at {start:.0f} m", f"at least {least:g} m")
 
 
-def _breaches_across(rules: RoadClass, road: Road) -> Iterator[str]:
+def _superelevation_breaches(rules: RoadClass, road: Road) -> Iterator[str]:
+    """Yield slopes across the road that are too steep, and bends that lean too little."""
     stations, curvatures = knots(road, road.superelevation)
     slopes = profile.value_at(road.superelevation, stations)
     steepest = rules.max_superelevation
-    for i in indices_of(np.abs(slopes) > steepest * (1.0 + _ROUNDING) + _ROUNDING):
+    for i in indices_of(np.abs(slopes) > steepest * (1.0 + _SHARE_ROUNDING) + _SLOPE_ROUNDING):
         fact = f"A superelevation of {100.0 * abs(slopes[i]):.1f} % at {stations[i]:.0f} m"
         needed = f"at most {100.0 * steepest:g} %"
-        yield _text(rules, "max_superelevation", fact, needed)
-    # Side friction that a car needs at the design speed, by V²/(127 R).
+        yield _breach_text(rules, "max_superelevation", fact, needed)
+    # Side friction that a car needs at the design speed: V²/(127 R) less what the slope carries,
+    # whose sign is opposite to the curvature's. Most is needed at the least radius.
     demand = rules.design_speed**2 / 127.0 * curvatures + slopes
     most = rules.design_speed**2 / 127.0 * rules.max_curvature - rules.max_superelevation
-    for i in indices_of(np.abs(demand) > max(most, 0.0) + 1e-6):
+    for i in indices_of(np.abs(demand) > max(most, 0.0) + _FRICTION_ROUNDING):
         radius = 1.0 / max(abs(float(curvatures[i])), 1e-9)
         fact = (
             f"A side friction of {abs(demand[i]):.2f} at {stations[i]:.0f} m, in a radius of"
             f" {radius:.0f} m with {100.0 * abs(slopes[i]):.1f} % of superelevation"
         )
-        yield _text(rules, "min_radius", fact, f"at most {max(most, 0.0):.2f}")
+        yield _breach_text(rules, "min_radius", fact, f"at most {max(most, 0.0):.2f}")
 
 
-def _breaches_of_grade(rules: RoadClass, road: Road) -> Iterator[str]:
+def _grade_breaches(rules: RoadClass, road: Road) -> Iterator[str]:
+    """Yield slopes along the road that are too steep, and crests and sags too sharp."""
     pairs = profile.cut(road.grade, 0.0, road.length)
-    for i in indices_of(np.abs(pairs[:, 1]) > rules.max_grade * (1.0 + _ROUNDING) + _ROUNDING):
+    for i in indices_of(
+        np.abs(pairs[:, 1]) > rules.max_grade * (1.0 + _SHARE_ROUNDING) + _SLOPE_ROUNDING
+    ):
         fact = f"A grade of {100.0 * pairs[i, 1]:.1f} % at {pairs[i, 0]:.0f} m"
-        yield _text(rules, "max_grade", fact, f"at most {100.0 * rules.max_grade:g} %")
+        yield _breach_text(rules, "max_grade", fact, f"at most {100.0 * rules.max_grade:g} %")
     for (start, before), (end, after) in pairwise(pairs):
         bend = (after - before) / (end - start)
         word, rule = ("crest", "min_crest") if bend < 0.0 else ("sag", "min_sag")
         least = getattr(rules, rule)
-        if abs(bend) * least > 1.0 + _LENGTH_ROUNDING:
+        if abs(bend) * least > 1.0 + _CREST_ROUNDING:
             fact = f"A {word} of {1.0 / abs(bend):.0f} m radius at {start:.0f} m"
-            yield _text(rules, rule, fact, f"at least {least:g} m")
+            yield _breach_text(rules, rule, fact, f"at least {least:g} m")
 
 
-def _breaches_of_width(rules: RoadClass, road: Road) -> Iterator[str]:
-    if road.lane_width < rules.lane_width * (1.0 - _ROUNDING):
+def _width_breaches(rules: RoadClass, road: Road) -> Iterator[str]:
+    """Yield lanes that are too narrow, on straights or in bends."""
+    if road.lane_width < rules.lane_width * (1.0 - _SHARE_ROUNDING):
         fact = f"The lanes are {road.lane_width:g} m wide"
-        yield _text(rules, "lane_width", fact, f"at least {rules.lane_width:g} m")
+        yield _breach_text(rules, "lane_width", fact, f"at least {rules.lane_width:g} m")
     stations, curvatures = knots(road, road.widening)
     widths = road.lane_width + profile.value_at(road.widening, stations)
     needed = rules.lane_width + rules.widening * np.abs(curvatures)
-    for i in indices_of(widths < needed * (1.0 - _ROUNDING)):
+    for i in indices_of(widths < needed * (1.0 - _SHARE_ROUNDING)):
         fact = f"A lane of {widths[i]:.2f} m in a radius of {1.0 / abs(curvatures[i]):.0f} m"
         fact += f" at {stations[i]:.0f} m"
-        yield _text(rules, "widening", fact, f"at least {needed[i]:.2f} m")
+        yield _breach_text(rules, "widening", fact, f"at least {needed[i]:.2f} m")
 
 
-# Names and formulas
-
-
-def friction_at(speed: float) -> float:
-    """Return the side friction factor for a design speed in km/h."""
-    return float(np.interp(speed, SPEEDS, _FRICTION))
+# Names
 
 
 @cache
@@ -410,7 +374,7 @@ def classes() -> Mapping[str, Mapping[str, Any]]:
     return tomllib.loads(text)
 
 
-def _read(path: Path) -> Mapping[str, Any]:
+def _read_entries(path: Path) -> Mapping[str, Any]:
     """Return the entries of a TOML file.
 
     Raises:
@@ -423,7 +387,10 @@ def _read(path: Path) -> Mapping[str, Any]:
 
 
 def class_of(roads: object) -> RoadClass | None:
-    """Return the class of a text such as ``rural-80,length=1500``, or of a table of values.
+    """Return the class that a text such as ``rural-80,length=1500`` or a table of values names.
+
+    Args:
+        roads: the text, or a mapping of a class's values by name.
 
     Returns:
         The class; None for the competition's roads, which have no class.

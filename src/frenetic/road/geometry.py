@@ -1,21 +1,21 @@
 """Kernels of road geometry: clothoid chains, their points, and projection onto them.
 
-A road's curvature is linear between samples that are ``step`` apart, so its heading is a quadratic
-and each piece is a clothoid. Everything here works on a *table*: the chain cut into equal
-sub-steps of ``ds`` <= 1 m, aligned with the samples.
+A road's curvature is linear between samples that are ``step`` m apart, so its heading is quadratic
+in between and each piece is a clothoid. The kernels work on a *table*: the chain cut into equal
+sub-steps of at most 1 m, such that each sample is a row.
 
 ==========  =======  ==============================================================
 symbol      shape    meaning
 ==========  =======  ==============================================================
-``table``   (M, 6)   rows x [m], y [m], heading [rad], curvature [1/m], cos, sin; (M, 7) of a
-                     road that widens, with the m by which it does
-``ds``      scalar   m of centre line from one row to the next
-``s``       scalar   m along the centre line from the road's start
-``d``       scalar   m to the left of the centre line (lateral offset)
+``table``   (M, 6)   x [m], y [m], heading [rad], curvature [1/m], cosine and sine of the
+                     heading; (M, 7) if the road widens: also a lane's widening [m]
+``ds``      scalar   length of centre line from a row to the next [m]
+``s``       scalar   distance along the centre line from the road's start [m]
+``d``       scalar   distance to the left of the centre line, the lateral offset [m]
 ==========  =======  ==============================================================
 
-Before its start and after its end a road continues straight along its tangent, so a car on its
-first or last point stands on a lane.
+Before its start and after its end a road continues straight, so a car at the first or last point
+stands on a lane as a whole.
 """
 
 from __future__ import annotations
@@ -28,12 +28,14 @@ from frenetic._support.arrays import FloatArray
 from frenetic._support.compiled import njit
 
 X, Y, HEADING, CURVATURE, COS, SIN, WIDENING = range(7)
-"""Columns of a table; only a road whose lanes widen has the last."""
+"""Columns of a table; only the table of a road that widens has the last."""
 
 SUB_STEP = 1.0
-"""Longest sub-step of a table, in m."""
+"""Longest sub-step of a table, in m; our choice."""
 SUB_TURN = 0.5
-"""Largest turn of a table's sub-step, in rad."""
+"""Largest turn of a table's sub-step, in rad; our choice."""
+_MIN_REACH = 2.0
+"""Distance along the road within which every point is projected, in m; our choice."""
 
 # Nodes and weights of the Gauss-Legendre rule with five points on [0, 1]. On a sub-step, which
 # turns by SUB_TURN at most, its error is below 1e-11 m.
@@ -43,7 +45,14 @@ GAUSS = tuple(map(tuple, np.column_stack([0.5 * (_NODES + 1.0), 0.5 * _WEIGHTS])
 
 @njit()
 def chord(heading: float, curvature: float, rate: float, u: float) -> tuple[float, float]:
-    """Return the displacement (dx, dy) after ``u`` m of a clothoid from its start."""
+    """Return the displacement (dx, dy) after ``u`` m of a clothoid from its start, in m.
+
+    Args:
+        heading: heading at the start, in rad.
+        curvature: curvature at the start, in 1/m.
+        rate: change of the curvature, in 1/m per m.
+        u: length, in m.
+    """
     dx = 0.0
     dy = 0.0
     for node, weight in GAUSS:
@@ -67,7 +76,10 @@ def _turn(angle: float) -> tuple[float, float]:
 
 @njit()
 def _sub_chord(curvature: float, rate: float, u: float) -> tuple[float, float]:
-    """Return `chord` in the frame of its start, over at most one sub-step, without trigonometry."""
+    """Return the displacement (ahead, left) after ``u`` m of a clothoid, in the frame of its start.
+
+    The same as `chord` with heading 0, without trigonometric functions; for at most one sub-step.
+    """
     ahead = 0.0
     left = 0.0
     for node, weight in GAUSS:
@@ -80,7 +92,7 @@ def _sub_chord(curvature: float, rate: float, u: float) -> tuple[float, float]:
 
 @njit()
 def sub_steps(curvatures: FloatArray, step: float) -> int:
-    """Return the number of sub-steps per piece that keeps them below SUB_STEP and SUB_TURN."""
+    """Return the number of sub-steps in each step that keeps to SUB_STEP and SUB_TURN."""
     sharpest = 0.0
     for value in curvatures:
         sharpest = max(sharpest, abs(value))
@@ -91,7 +103,14 @@ def sub_steps(curvatures: FloatArray, step: float) -> int:
 def build_table(
     curvatures: FloatArray, step: float, x: float, y: float, heading: float, per_piece: int
 ) -> FloatArray:
-    """Return a road's table from its (N,) curvatures and pose, ``per_piece`` rows per piece."""
+    """Return the table of a road.
+
+    Args:
+        curvatures: the road's curvatures, (N,) in 1/m.
+        step: distance between two curvatures, in m.
+        x, y, heading: pose of the first curvature, in m, m and rad.
+        per_piece: number of sub-steps in each step, from `sub_steps`.
+    """
     pieces = len(curvatures) - 1
     table = np.empty((pieces * per_piece + 1, 6))
     ds = step / per_piece
@@ -103,73 +122,76 @@ def build_table(
             kappa = curvatures[i] + rate * t
             theta = start + t * (curvatures[i] + 0.5 * rate * t)
             row = i * per_piece + j
-            table[row, 0] = x
-            table[row, 1] = y
-            table[row, 2] = theta
-            table[row, 3] = kappa
-            table[row, 4] = math.cos(theta)
-            table[row, 5] = math.sin(theta)
+            table[row, X] = x
+            table[row, Y] = y
+            table[row, HEADING] = theta
+            table[row, CURVATURE] = kappa
+            table[row, COS] = math.cos(theta)
+            table[row, SIN] = math.sin(theta)
             ahead, left = _sub_chord(kappa, rate, ds)
-            x += ahead * table[row, 4] - left * table[row, 5]
-            y += ahead * table[row, 5] + left * table[row, 4]
+            x += ahead * table[row, COS] - left * table[row, SIN]
+            y += ahead * table[row, SIN] + left * table[row, COS]
         heading = start + 0.5 * step * (curvatures[i] + curvatures[i + 1])
     last = pieces * per_piece
-    table[last, 0] = x
-    table[last, 1] = y
-    table[last, 2] = heading
-    table[last, 3] = curvatures[pieces]
-    table[last, 4] = math.cos(heading)
-    table[last, 5] = math.sin(heading)
+    table[last, X] = x
+    table[last, Y] = y
+    table[last, HEADING] = heading
+    table[last, CURVATURE] = curvatures[pieces]
+    table[last, COS] = math.cos(heading)
+    table[last, SIN] = math.sin(heading)
     return table
 
 
 @njit()
 def widening_at(table: FloatArray, ds: float, s: float) -> float:
     """Return the additional width of a lane at ``s``, in m."""
-    if table.shape[1] <= 6:
+    if table.shape[1] <= WIDENING:
         return 0.0
     last = len(table) - 1
     i = min(max(int(s / ds), 0), last - 1)
     share = min(max(s / ds - i, 0.0), 1.0)
-    wider: float = table[i, 6] + share * (table[i + 1, 6] - table[i, 6])
+    wider: float = table[i, WIDENING] + share * (table[i + 1, WIDENING] - table[i, WIDENING])
     return wider
 
 
 @njit()
 def heading_at(table: FloatArray, ds: float, s: float) -> float:
-    """Return the heading of the centre line at ``s``; it is straight beyond both ends."""
+    """Return the heading of the centre line at ``s``, in rad; beyond both ends it is straight."""
     last = len(table) - 1
     i = min(max(int(s / ds), 0), last - 1)
     u = min(max(s, 0.0), last * ds) - i * ds
-    rate = (table[i + 1, 3] - table[i, 3]) / ds
-    heading: float = table[i, 2] + u * (table[i, 3] + 0.5 * rate * u)
+    rate = (table[i + 1, CURVATURE] - table[i, CURVATURE]) / ds
+    heading: float = table[i, HEADING] + u * (table[i, CURVATURE] + 0.5 * rate * u)
     return heading
 
 
 @njit()
 def frame_at(table: FloatArray, ds: float, s: float) -> tuple[float, float, float, float, float]:
-    """Return (x, y, cosine and sine of the heading, curvature) at ``s``; straight beyond ends."""
+    """Return x, y, cosine and sine of the heading, and the curvature of the centre line at ``s``.
+
+    Beyond both ends the line is straight.
+    """
     last = len(table) - 1
     length = last * ds
     if s < 0.0:
         row = table[0]
-        return row[0] + s * row[4], row[1] + s * row[5], row[4], row[5], 0.0
+        return row[X] + s * row[COS], row[Y] + s * row[SIN], row[COS], row[SIN], 0.0
     if s > length:
         row = table[last]
         u = s - length
-        return row[0] + u * row[4], row[1] + u * row[5], row[4], row[5], 0.0
+        return row[X] + u * row[COS], row[Y] + u * row[SIN], row[COS], row[SIN], 0.0
     i = min(int(s / ds), last - 1)
     u = s - i * ds
-    rate = (table[i + 1, 3] - table[i, 3]) / ds
-    ahead, left = _sub_chord(table[i, 3], rate, u)
-    c, n = table[i, 4], table[i, 5]
-    cosine, sine = _turn(u * (table[i, 3] + 0.5 * rate * u))
+    rate = (table[i + 1, CURVATURE] - table[i, CURVATURE]) / ds
+    ahead, left = _sub_chord(table[i, CURVATURE], rate, u)
+    c, n = table[i, COS], table[i, SIN]
+    cosine, sine = _turn(u * (table[i, CURVATURE] + 0.5 * rate * u))
     return (
-        table[i, 0] + ahead * c - left * n,
-        table[i, 1] + ahead * n + left * c,
+        table[i, X] + ahead * c - left * n,
+        table[i, Y] + ahead * n + left * c,
         c * cosine - n * sine,
         n * cosine + c * sine,
-        table[i, 3] + rate * u,
+        table[i, CURVATURE] + rate * u,
     )
 
 
@@ -177,11 +199,15 @@ def frame_at(table: FloatArray, ds: float, s: float) -> tuple[float, float, floa
 def _refine(
     table: FloatArray, ds: float, px: float, py: float, low: int, high: int
 ) -> tuple[float, float]:
-    """Return (s, d) of the point nearest to (px, py) among rows low..high and adjacent pieces."""
+    """Return (s, d) of the centre line's point nearest to (px, py).
+
+    The nearest of the rows from ``low`` to ``high`` is found first, then the nearest point on the
+    sub-steps beside that row, by Newton's method.
+    """
     best = low
     best_square = math.inf
     for i in range(low, high + 1):
-        square = (px - table[i, 0]) ** 2 + (py - table[i, 1]) ** 2
+        square = (px - table[i, X]) ** 2 + (py - table[i, Y]) ** 2
         if square < best_square:
             best_square = square
             best = i
@@ -191,8 +217,8 @@ def _refine(
     least = -math.inf if best == 0 else (best - 1) * ds
     most = math.inf if best == last else (best + 1) * ds
     s = best * ds
-    x, y, kappa = table[best, 0], table[best, 1], table[best, 3]
-    c, n = table[best, 4], table[best, 5]
+    x, y, kappa = table[best, X], table[best, Y], table[best, CURVATURE]
+    c, n = table[best, COS], table[best, SIN]
     offset = 0.0
     for _ in range(20):
         along = (px - x) * c + (py - y) * n
@@ -201,11 +227,11 @@ def _refine(
         # of the osculating circle, so that the iteration stays a descent.
         target = min(max(s + along / max(1.0 - kappa * offset, 0.1), least), most)
         move = abs(target - s)
-        # Less than a nanometre is rounding; it must not carry a car off the road's start.
+        # A move below a nanometre is rounding; it must not put a car before the road's start.
         if move > 1e-9:
             s = target
-        # The error left after a Newton step is of the order of its square, and the offset's is that
-        # of s squared.
+        # After a Newton step, the error of s is of the order of the step squared, and the error of
+        # the offset is of the order of the error of s squared.
         if move < 1e-6:
             break
         x, y, c, n, kappa = frame_at(table, ds, s)
@@ -214,7 +240,7 @@ def _refine(
 
 @njit()
 def project_global(table: FloatArray, ds: float, px: float, py: float) -> tuple[float, float]:
-    """Return (s, d) of the whole road's point that is nearest to (px, py)."""
+    """Return (s, d) of the centre line's point nearest to (px, py), on the whole road."""
     return project_near(table, ds, px, py, 0.0, (len(table) - 1) * ds)
 
 
@@ -222,9 +248,10 @@ def project_global(table: FloatArray, ds: float, px: float, py: float) -> tuple[
 def project_near(
     table: FloatArray, ds: float, px: float, py: float, s: float, reach: float
 ) -> tuple[float, float]:
-    """Return (s, d) of the nearest point of the road, at most about ``reach`` m from ``s``.
+    """Return (s, d) of the centre line's point nearest to (px, py), near ``s``.
 
-    Following a car this way stays on its piece of road where another piece passes close by.
+    Only points up to about ``reach`` m from ``s``, along the road, are searched. So a car that is
+    followed along its road stays on its piece of road where another piece is close.
     """
     last = len(table) - 1
     low = min(max(int((s - reach) / ds), 0), last)
@@ -234,10 +261,14 @@ def project_near(
 
 @njit()
 def track(table: FloatArray, ds: float, xy: FloatArray) -> FloatArray:
-    """Return distances along and lateral offsets, (n, 2), of a path of (n, 2) positions.
+    """Return distances along the road and lateral offsets, (n, 2) in m, of a path.
 
-    The first position is projected onto the whole road, each other one near its predecessor's
-    place, as far as the path moved.
+    The first position is projected onto the whole road, and each further position near the distance
+    of the position before, see `reach_of`.
+
+    Args:
+        table, ds: the road.
+        xy: positions of the path, (n, 2) in m.
     """
     n = len(xy)
     out = np.empty((n, 2))
@@ -255,29 +286,35 @@ def track(table: FloatArray, ds: float, xy: FloatArray) -> FloatArray:
 
 @njit()
 def offsets_near(table: FloatArray, ds: float, xy: FloatArray, distances: FloatArray) -> FloatArray:
-    """Return lateral offsets (n,) of points (n, 2) from the road near their distances (n,).
+    """Return lateral offsets (n,) in m of points from the road near these distances.
 
-    Around is up to 2 m along the road.
+    Args:
+        table, ds: the road.
+        xy: the points, (n, 2) in m.
+        distances: distance along the road, (n,) in m, within 2 m of which a point is projected.
     """
     out = np.empty(len(xy))
     for i in range(len(xy)):
-        _, out[i] = project_near(table, ds, xy[i, 0], xy[i, 1], distances[i], 2.0)
+        _, out[i] = project_near(table, ds, xy[i, 0], xy[i, 1], distances[i], _MIN_REACH)
     return out
 
 
 @njit()
 def reach_of(moved: float) -> float:
-    """Return the reach of the search along the road, in m, for a car that moved ``moved`` m.
+    """Return how far along the road to search for a car that has moved ``moved`` m, in m.
 
-    Inside a bend the foot of the perpendicular runs faster than the car: twice as fast half way
-    to the bend's centre.
+    On the inside of a bend, the car's projection onto the road moves faster than the car: twice as
+    fast half way to the bend's centre.
     """
-    return 2.0 + 2.0 * moved
+    return _MIN_REACH + 2.0 * moved
 
 
 @njit()
 def sample_line(table: FloatArray, ds: float, distances: FloatArray, offset: float) -> FloatArray:
-    """Return points (n, 2) at ``distances`` (n,), ``offset`` m left of the centre line."""
+    """Return points (n, 2) in m of the line that is ``offset`` m left of the centre line.
+
+    The points are at ``distances`` (n,) in m along the centre line.
+    """
     out = np.empty((len(distances), 2))
     for i in range(len(distances)):
         x, y, cosine, sine, _ = frame_at(table, ds, distances[i])

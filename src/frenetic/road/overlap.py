@@ -1,4 +1,4 @@
-"""Overlaps: whether a road is twisted or meets itself, as the competition decides it.
+"""Overlaps: whether a road is twisted or meets itself, by the competition's rule.
 
 The competition's road is a chain of quadrilaterals between the edges of consecutive interpolated
 points:
@@ -10,12 +10,13 @@ points:
     right[i]  o-----------o right[i + 1]
               line i      line i + 1       line i runs from left[i] to right[i]
 
-"Ahead" of line i is the side to which the road leads there. A quad is plain if it lies ahead of
-its first line and behind its second: then it is convex, plain neighbours meet in their common line
-only, and a later quad keeps clear of it that lies all ahead of its second line. These tests settle
-nearly every pair of an ordinary road. The few others are compared edge by edge, and pairs too far
-apart to meet are skipped by the stretch that the road needs to come back. Along such a chain no
-quad lies inside another unless edges meet, so edges are all there is to compare.
+"Ahead" of line i is the side of the line to which the road leads there. A quad is *plain* if it
+lies ahead of its first line and behind its second line. Then three things hold: it is convex; it
+meets a plain neighbour in their common line only; and it does not meet a later quad that lies
+entirely ahead of its second line. These tests settle nearly every pair of quads of an ordinary
+road. The few other pairs are compared edge by edge. Pairs that are too far apart to meet are
+skipped, together with the quads that the road needs to come back. Along such a chain, no quad lies
+inside another unless their edges meet, so comparing edges suffices.
 """
 
 from __future__ import annotations
@@ -28,14 +29,21 @@ import numpy as np
 from frenetic._support.arrays import FloatArray
 from frenetic._support.compiled import njit
 
-_CLEAR: Final = 1e-6  # [m2] more than what rounding can do to the product of two road widths
+_AREA_ROUNDING: Final = 1e-6
+"""Area above the rounding error of the product of two road widths, in m2; our choice."""
+_LENGTH_ROUNDING: Final = 1e-6
+"""Length above the rounding errors of the extents of quads, in m; our choice."""
 
 
 @njit()
 def is_overlapping(left: FloatArray, right: FloatArray) -> bool:
-    """Return whether a quad is twisted or touches another beyond a neighbour's common line.
+    """Return whether a quad is twisted, or touches another quad beyond a neighbour's common line.
 
-    Close to linear time for a road that seldom comes near itself.
+    The time is nearly linear in the number of quads if the road seldom comes near itself.
+
+    Args:
+        left: points of the left edge, (M, 2) in m.
+        right: points of the right edge, (M, 2) in m.
     """
     quads = len(left) - 1
     plain = np.empty(quads, dtype=np.bool_)
@@ -51,8 +59,8 @@ def is_overlapping(left: FloatArray, right: FloatArray) -> bool:
             return True
 
     centres = np.empty((quads, 2))
-    reach = np.zeros(quads)  # [m] from its centre, how far a quad extends
-    hop = 0.0  # [m] the largest distance between consecutive centres
+    reach = np.zeros(quads)  # [m] largest distance of a quad's corner from its centre
+    hop = 0.0  # [m] largest distance between consecutive centres
     for i in range(quads):
         for axis in range(2):
             start, end = left[i, axis] + right[i, axis], left[i + 1, axis] + right[i + 1, axis]
@@ -65,11 +73,11 @@ def is_overlapping(left: FloatArray, right: FloatArray) -> bool:
             dx = centres[i, 0] - centres[i - 1, 0]
             dy = centres[i, 1] - centres[i - 1, 1]
             hop = max(hop, math.hypot(dx, dy))
-    longest_reach = reach.max() + 1e-6  # more than all rounding here
+    longest_reach = reach.max() + _LENGTH_ROUNDING
 
     for i in range(quads - 2):
         near = reach[i] + longest_reach
-        # The direction ahead of line i + 1, as long as the road is wide.
+        # A vector ahead of line i + 1; it is as long as the road is wide.
         x, y = left[i + 1, 0], left[i + 1, 1]
         ahead_x = y - right[i + 1, 1]
         ahead_y = right[i + 1, 0] - x
@@ -84,10 +92,11 @@ def is_overlapping(left: FloatArray, right: FloatArray) -> bool:
                 continue
             apart = (
                 plain[i]
-                and ahead_x * (left[j, 0] - x) + ahead_y * (left[j, 1] - y) > _CLEAR
-                and ahead_x * (right[j, 0] - x) + ahead_y * (right[j, 1] - y) > _CLEAR
-                and ahead_x * (left[j + 1, 0] - x) + ahead_y * (left[j + 1, 1] - y) > _CLEAR
-                and ahead_x * (right[j + 1, 0] - x) + ahead_y * (right[j + 1, 1] - y) > _CLEAR
+                and ahead_x * (left[j, 0] - x) + ahead_y * (left[j, 1] - y) > _AREA_ROUNDING
+                and ahead_x * (right[j, 0] - x) + ahead_y * (right[j, 1] - y) > _AREA_ROUNDING
+                and ahead_x * (left[j + 1, 0] - x) + ahead_y * (left[j + 1, 1] - y) > _AREA_ROUNDING
+                and ahead_x * (right[j + 1, 0] - x) + ahead_y * (right[j + 1, 1] - y)
+                > _AREA_ROUNDING
             )
             if not apart and _edges_touch(left, right, i, j):
                 return True
@@ -97,7 +106,10 @@ def is_overlapping(left: FloatArray, right: FloatArray) -> bool:
 
 @njit()
 def _is_ahead(left: FloatArray, right: FloatArray, line: int, other: int) -> bool:
-    """Return whether all of line `other` lies ahead of line `line`; behind it, sides swapped."""
+    """Return whether all of line `other` lies ahead of line `line`.
+
+    With `left` and `right` swapped, return whether it lies behind line `line`.
+    """
     ax, ay = left[line, 0], left[line, 1]
     bx, by = right[line, 0], right[line, 1]
     return bool(
@@ -108,7 +120,7 @@ def _is_ahead(left: FloatArray, right: FloatArray, line: int, other: int) -> boo
 
 @njit()
 def _edge(left: FloatArray, right: FloatArray, i: int, k: int) -> tuple[FloatArray, FloatArray]:
-    """Return the ends of an edge of quad i: left, right, first line and second line, by k."""
+    """Return the ends of edge k of quad i: left (0), right (1), first line (2), second line (3)."""
     if k == 0:
         return left[i], left[i + 1]
     if k == 1:
@@ -118,7 +130,7 @@ def _edge(left: FloatArray, right: FloatArray, i: int, k: int) -> tuple[FloatArr
 
 @njit()
 def _edges_touch(left: FloatArray, right: FloatArray, i: int, j: int) -> bool:
-    """Return whether an edge of quad i has a point in common with one of quad j."""
+    """Return whether an edge of quad i has a point in common with an edge of quad j."""
     for k in range(4):
         a, b = _edge(left, right, i, k)
         for m in range(4):
@@ -130,11 +142,12 @@ def _edges_touch(left: FloatArray, right: FloatArray, i: int, j: int) -> bool:
 
 @njit()
 def _share_only_their_line(left: FloatArray, right: FloatArray, i: int) -> bool:
-    """Return whether the quads i and i + 1, neither twisted, have line i + 1 in common and no more.
+    """Return whether the untwisted quads i and i + 1 have only line i + 1 in common.
 
-    They do when they lie on different sides of the line, which is when they turn the same way, and
-    their other edges meet nowhere but in the ends of the line. (Two edges that run along each other
-    from such an end need no test of their own: the edge after the shorter one touches the longer.)
+    Two conditions have to hold. The quads lie on different sides of the line, which is the case if
+    their corners turn the same way. And their other edges meet in the ends of the line only. (Two
+    edges that run along each other from such an end are not compared: then the edge after the
+    shorter one touches the longer one.)
     """
     if _turns_clockwise(left, right, i) != _turns_clockwise(left, right, i + 1):
         return False
@@ -175,5 +188,5 @@ def _segments_touch(a: FloatArray, b: FloatArray, c: FloatArray, d: FloatArray) 
 
 @njit()
 def _side(ax: float, ay: float, bx: float, by: float, cx: float, cy: float) -> float:
-    """Return more than 0 if c lies left of the way from a to b, less if right of it, in m2."""
+    """Return twice the area of the triangle a, b, c in m2: positive if c lies left of a to b."""
     return (ax - cx) * (by - cy) - (ay - cy) * (bx - cx)

@@ -1,16 +1,18 @@
-"""Moving a road into the map: the smallest square that a turned road needs is found exactly.
+"""Moving a road into the map, turned to the angle at which it needs the smallest square.
 
 A road fits the map if some rotation makes its bounding box no wider and no higher than the room
-between the margins. Turned by theta, the box is as wide as the turned convex hull:
+between the margins. Turned by theta, the box is as wide and as high as the turned convex hull:
 
     width(theta)  = x cos(theta) - y sin(theta)     (x, y) from the hull's leftmost corner
-                                                    to its rightmost one
-    height(theta) = x sin(theta) + y cos(theta)     (x, y) from its lowest to its highest
+                                                    to its rightmost corner
+    height(theta) = x sin(theta) + y cos(theta)     (x, y) from the hull's lowest corner
+                                                    to its highest corner
 
-These corners change only where an edge of the hull lies along an axis. Between two such angles,
-width and height are one arc of a sinusoid each, and concave, since they are positive. So the larger
-of them is smallest at one of the ends, or where the two are equal. That leaves a few angles for
-every corner of the hull; a quarter turn only exchanges width and height.
+These corners change only at angles at which an edge of the hull is parallel to an axis. Between two
+such angles, width and height are each an arc of a sinusoid, which is concave, since it is positive.
+So the larger of width and height is smallest at one of the two angles, or where both are equal.
+That leaves a few angles for every corner of the hull. A quarter turn only exchanges width and
+height, so angles in a quarter turn suffice.
 """
 
 from __future__ import annotations
@@ -32,7 +34,8 @@ if TYPE_CHECKING:
 __all__ = ["MAP_MARGIN", "RigidMotion", "fit_to_map"]
 
 MAP_MARGIN: Final = 10.0
-"""Distance of a road's centre line from the map's edge, in m: half its width and some air."""
+"""Least distance of a road's centre line from the map's edge, in m: half the road's width of 8 m,
+and 6 m of space."""
 
 _QUARTER: Final = math.pi / 2  # [rad]
 _Number = TypeVar("_Number", float, FloatArray)
@@ -62,24 +65,23 @@ class RigidMotion:
 def fit_to_map(
     points: npt.ArrayLike, map_size: float = MAP_SIZE, map_margin: float = MAP_MARGIN
 ) -> RigidMotion | None:
-    """Return how to move a road so that it lies in the map, None if it fits in no pose.
+    """Return the motion that moves a road into the map; None if the road fits in no pose.
 
-    A road within the margin stays in place. One that fits without turning is centred in the map.
-    Any other is turned by the angle in (-45, 45] degrees at which its bounding box needs the
-    smallest square, and centred. So a moved road ends up in the same place wherever it lay. It is
-    within the margin up to rounding.
+    A road inside the margins stays in place. A road that fits without turning is centred in the
+    map. Any other road is turned by the angle in (-45, 45] degrees at which its bounding box needs
+    the smallest square, and centred. So the new place does not depend on the old place. The margins
+    are kept up to rounding.
 
-    Takes O(N log N) time.
+    The time is O(N log N).
 
     Args:
-        points: (N, 2) the road's centre line in m, dense enough to stand for the curve (2 m).
-        map_size: The map is the square [0, map_size]^2, in m.
-        map_margin: Distance of the centre line from the map's border in m: half the road's width
-            and some air.
+        points: points of the road's centre line, (N, 2) in m, at most 2 m apart.
+        map_size: side of the map, in m: the map is the square [0, map_size]^2.
+        map_margin: least distance of the centre line from the map's edge, in m.
 
     Raises:
-        RoadError: There are no points, they are not finite pairs of numbers, the map has no
-            size, or the margin is negative.
+        RoadError: there are no points, they are not finite pairs of numbers, the map's side is not
+            positive, or the margin is negative.
     """
     if not 0.0 < map_size < math.inf:
         raise RoadError(f"map_size is {map_size!r}, but must be a positive number of metres")
@@ -111,7 +113,7 @@ def fit_to_map(
 
 @njit()
 def _box(points: FloatArray) -> tuple[float, float, float, float]:
-    """Return low x, low y, high x, high y."""
+    """Return the least x and y, then the largest x and y, of points (N, 2)."""
     x, y = points[:, 0], points[:, 1]
     return x.min(), y.min(), x.max(), y.max()
 
@@ -147,7 +149,7 @@ def _convex_hull(points: FloatArray) -> FloatArray:
 
 @njit()
 def _edge_rotations(hull: FloatArray) -> FloatArray:
-    """Return the rotations in 0..90 degrees that lay an edge along an axis, (H,) rad."""
+    """Return the rotations from 0 to 90 degrees that make an edge parallel to an axis, (H,) rad."""
     n = len(hull)
     rotations = np.empty(n)
     for k in range(n):
@@ -159,11 +161,13 @@ def _edge_rotations(hull: FloatArray) -> FloatArray:
 
 @njit()
 def _smallest_square(hull: FloatArray, bounds: FloatArray) -> tuple[float, float]:
-    """Return the rotation in (-45, 45] degrees, in rad, that needs the smallest square; its side.
+    """Return the rotation at which a hull needs the smallest square, and the square's side in m.
+
+    The rotation is in rad, above -45 and at most 45 degrees.
 
     Args:
-        hull: (H, 2) corners of a convex polygon, counter-clockwise, in m.
-        bounds: (H,) rad, ascending: `_edge_rotations` of the hull.
+        hull: corners of a convex polygon, (H, 2) in m, counter-clockwise.
+        bounds: `_edge_rotations` of the hull, (H,) rad, ascending.
     """
     n = len(hull)
     best = 0.0
@@ -171,7 +175,7 @@ def _smallest_square(hull: FloatArray, bounds: FloatArray) -> tuple[float, float
     right = top = left = bottom = 0
     for k in range(n):
         begin, end = bounds[k], bounds[k + 1] if k + 1 < n else bounds[0] + _QUARTER
-        # The extreme corners are the same on the whole interval; its middle tells them best.
+        # The extreme corners are the same in the whole interval; at its middle they are clearest.
         c, s = math.cos((begin + end) / 2.0), math.sin((begin + end) / 2.0)
         right = _farthest(hull, c, -s, right)
         top = _farthest(hull, s, c, top)
@@ -181,7 +185,7 @@ def _smallest_square(hull: FloatArray, bounds: FloatArray) -> tuple[float, float
         wy = hull[right, 1] - hull[left, 1]
         hx = hull[top, 0] - hull[bottom, 0]
         hy = hull[top, 1] - hull[bottom, 1]
-        # width = height where (wx - hy) cos = (wy + hx) sin: once in every half turn.
+        # Width and height are equal where (wx - hy) cos = (wy + hx) sin: once in a half turn.
         equal = begin + (math.atan2(wx - hy, wy + hx) - begin) % math.pi
         for angle in (begin, min(equal, end), end):
             c, s = math.cos(angle), math.sin(angle)
@@ -195,7 +199,10 @@ def _smallest_square(hull: FloatArray, bounds: FloatArray) -> tuple[float, float
 
 @njit()
 def _farthest(hull: FloatArray, x: float, y: float, start: int) -> int:
-    """Return the corner farthest in the direction (x, y), climbing along the hull from `start`."""
+    """Return the index of the corner farthest in direction (x, y).
+
+    The search walks along the hull from corner `start`, as long as the next corner is farther.
+    """
     n = len(hull)
     here = start
     for step in (1, n - 1):

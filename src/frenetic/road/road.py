@@ -1,11 +1,11 @@
-"""The road: curvature samples, a pose, and everything that follows from them."""
+"""The road: curvature samples and a pose, from which its geometry follows."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache, partial
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -14,6 +14,24 @@ from frenetic.errors import RoadError
 from frenetic.road import geometry, profile
 from frenetic.road.from_points import curvature_from_points
 from frenetic.road.placing import MAP_MARGIN, fit_to_map
+from frenetic.road.road_values import (
+    MAX_COORDINATE,
+    MAX_GRADE,
+    MAX_LENGTH,
+    MAX_SAMPLES,
+    MAX_SPEED_LIMIT,
+    MAX_SUPERELEVATION,
+    MAX_WIDENING,
+    MIN_DISTANCE,
+    MIN_SPEED_LIMIT,
+    MIN_STEP,
+    START,
+    Pose,
+    checked_curvatures,
+    checked_lane_width,
+    checked_length,
+    checked_pose,
+)
 from frenetic.road.validity import (
     LANE_WIDTH,
     MAP_SIZE,
@@ -29,52 +47,12 @@ if TYPE_CHECKING:
 
 
 BEHAVIOUR = 1
-"""Version of roads: raised when a road gets another shape, place or validity."""
-MAX_SAMPLES = 10_000
-"""Most curvature samples of a road."""
-MAX_LENGTH = 50_000.0
-"""Length of the longest road, in m."""
-MAX_CURVATURE = 10.0
-"""Sharpest curve that can be represented, in 1/m; valid roads stay below 0.07."""
-MAX_COORDINATE = 1e7
-"""Largest coordinate of a point, in m."""
-MIN_DISTANCE = 1e-6
-"""Least distance of two consecutive points, in m."""
-MIN_STEP = 1e-7
-"""Shortest step, in m: hardly shorter than the step of points that are `MIN_DISTANCE` apart."""
-MIN_LANE_WIDTH = 0.1
-"""Width of the narrowest lane, in m."""
-MAX_LANE_WIDTH = 100.0
-"""Width of the widest lane, in m."""
-MAX_HEADING = 1e6
-"""Largest heading of a pose in either direction, in rad."""
-MAX_SUPERELEVATION = 1.0
-"""Steepest slope across a road in either direction; a race track's may be 0.6."""
-MAX_GRADE = 0.5
-"""Steepest slope along a road in either direction."""
-MAX_WIDENING = 100.0
-"""Largest widening of a lane, in m."""
-MIN_SPEED_LIMIT = 1.0
-"""Lowest speed limit, in km/h."""
-MAX_SPEED_LIMIT = 500.0
-"""Highest speed limit, in km/h."""
+"""Version of roads: increase it when a road gets another shape, place or validity."""
+
 POINT_SPACING = 2.0
-"""Spacing of a road's points for validity, files and other simulators, in m."""
-
-
-class Pose(NamedTuple):
-    """A place and a direction in the plane."""
-
-    x: float
-    """m."""
-    y: float
-    """m."""
-    heading: float
-    """Heading in rad, counter-clockwise from +x."""
-
-
-START = Pose(0.0, 0.0, math.pi / 2)
-"""Default start of a road."""
+"""Largest distance between a road's points for validity, files and simulators, in m; our choice."""
+_STEPS_ROUNDING = 1e-9
+"""Number of pieces by which a computed number may exceed a whole number; our choice."""
 
 
 @dataclass(frozen=True, eq=False, init=False, repr=False)
@@ -82,16 +60,18 @@ class Road:
     """A centre line of curvature samples, with one lane on each side.
 
     The curvature is linear between samples, so every piece is a clothoid. The car drives on the
-    right-hand lane, the ego lane, from the first sample to the last. All distances are those on the
-    map. By profiles, see `frenetic.road.profile`, the road may lean to a side, rise above the map
-    and widen. Each lane then widens at its outer edge; the middle of a lane, from which lateral
-    offsets count, stays half of `lane_width` from the centre line. It may have speed limits.
+    right-hand lane, the ego lane, from the first sample to the last. Distances are measured on the
+    map, even where the road rises.
+
+    Profiles, see `frenetic.road.profile`, may make the road lean to a side, rise above the map and
+    widen, and give it speed limits. A lane widens at its outer edge. The centre line of a lane,
+    from which lateral offsets count, stays half of `lane_width` from the road's centre line.
 
     Raises:
-        RoadError: fewer than 2 or more than 10000 samples, values that are not finite numbers or
-            are beyond 10 1/m, a step that is not positive, more than 50 km in all, a lane that is
-            not 0.1 to 100 m wide, a pose beyond 10000 km, or a profile that is no list of pairs or
-            out of range.
+        RoadError: there are fewer than 2 or more than 10000 samples, a curvature is no finite
+            number or more than 10 1/m, the step is not positive, the road is longer than 50 km, a
+            lane is not 0.1 to 100 m wide, the pose is beyond 10000 km, or a profile is no list of
+            pairs or out of range.
     """
 
     curvatures: FloatArray
@@ -99,15 +79,16 @@ class Road:
     step: float = 10.0
     """Distance between two samples, in m."""
     pose: Pose = START
-    """Place and direction of the first sample."""
+    """Pose of the first sample."""
     lane_width: float = LANE_WIDTH
-    """Width of each of the two lanes, in m."""
+    """Width of each of the two lanes without widening, in m."""
     superelevation: FloatArray = field(default_factory=lambda: profile.NOTHING)
-    """Slope across the road, (k, 2) in m and m/m, positive falls to the right, as in OpenDRIVE."""
+    """Slope across the road: a profile, (k, 2) in m and m/m, positive falls to the right, as in
+    OpenDRIVE."""
     grade: FloatArray = field(default_factory=lambda: profile.NOTHING)
-    """Slope along the road, (k, 2) in m and m/m, positive rises."""
+    """Slope along the road: a profile, (k, 2) in m and m/m, positive rises."""
     widening: FloatArray = field(default_factory=lambda: profile.NOTHING)
-    """Additional width of each lane beyond `lane_width`, (k, 2) in m and m."""
+    """Width of each lane beyond `lane_width`: a profile, (k, 2) in m and m."""
     speed_limits: FloatArray = field(default_factory=lambda: profile.NOTHING)
     """Speed limits, (k, 2) in m and km/h; each holds from its station on, and 0 means no limit.
     `frenetic.Rules.speed_limits_on` returns the limits of a drive."""
@@ -124,14 +105,14 @@ class Road:
         widening: npt.ArrayLike = (),
         speed_limits: npt.ArrayLike = (),
     ) -> None:
-        object.__setattr__(self, "curvatures", _checked_curvatures(curvatures))
-        object.__setattr__(self, "step", _metres(step, "step", MIN_STEP, MAX_LENGTH))
+        object.__setattr__(self, "curvatures", checked_curvatures(curvatures))
+        object.__setattr__(self, "step", checked_length(step, "step", MIN_STEP, MAX_LENGTH))
         object.__setattr__(self, "lane_width", checked_lane_width(lane_width))
         if self.length > MAX_LENGTH:
             raise RoadError(
                 f"a road of {self.length:.0f} m: at most {MAX_LENGTH:.0f} m can be represented"
             )
-        object.__setattr__(self, "pose", _checked_pose(pose))
+        object.__setattr__(self, "pose", checked_pose(pose))
         for name, pairs, most in (
             ("superelevation", superelevation, MAX_SUPERELEVATION),
             ("grade", grade, MAX_GRADE),
@@ -151,36 +132,36 @@ class Road:
 
     @classmethod
     def from_points(cls, points: npt.ArrayLike, *, lane_width: float = LANE_WIDTH) -> Road:
-        """Return the road through centre-line points of any spacing, as in the competition.
+        """Return the road through points of its centre line at any distances.
 
-        Points that sample a road with piecewise linear curvature at equal distances give exactly
-        that curvature back. Any others are joined, as the competition does it, by a parametric
-        spline (cubic from four points on), and the spline's curvature is sampled about every half
-        metre such that the resulting road stays within millimetres of it, unless the spline has a
-        cusp, which no road can follow. A road of more than 5 km has 10000 samples; at 50 km, with a
-        sample every 5 m, it stays within centimetres.
+        If the points sample a `Road` at equal distances, that road is recovered. Other points are
+        joined, as in the competition, by a parametric spline (cubic from four points on). Samples
+        about every half metre make the road stay within millimetres of the spline, unless the
+        spline has a cusp, which no road can follow. A road of more than 5 km has 10000 samples; at
+        50 km, with a sample every 5 m, it stays within centimetres.
 
         Args:
-            points: (N, 2) m, N >= 2, no two consecutive ones equal.
-            lane_width: m, of each lane.
+            points: the points, (N, 2) in m, at least 2; consecutive points differ.
+            lane_width: width of each lane, in m.
 
         Raises:
-            RoadError: not (N, 2) finite numbers, fewer than 2, two consecutive ones less than a
-                micrometre apart, or any beyond 10000 km.
+            RoadError: the points are not (N, 2) finite numbers, there are fewer than 2, two
+                consecutive points are less than a micrometre apart, or a point is beyond 10000 km.
         """
         array = as_points(points)
         if not 2 <= len(array) <= MAX_SAMPLES:
             raise RoadError(f"a road of {len(array)} points: 2 to {MAX_SAMPLES} are allowed")
-        far = np.flatnonzero(np.abs(array).max(axis=1) > MAX_COORDINATE)
-        if len(far):
-            x, y = array[far[0]]
+        too_far = np.flatnonzero(np.abs(array).max(axis=1) > MAX_COORDINATE)
+        if len(too_far):
+            x, y = array[too_far[0]]
             raise RoadError(
-                f"point {far[0]} is ({x:g}, {y:g}): at most {MAX_COORDINATE:g} m from the origin"
+                f"point {too_far[0]} is ({x:g}, {y:g}): at most {MAX_COORDINATE:g} m from the"
+                " origin are allowed"
             )
         lengths = np.hypot(*np.diff(array, axis=0).T)
-        same = np.flatnonzero(lengths < MIN_DISTANCE)
-        if len(same):
-            i = int(same[0])
+        repeated = np.flatnonzero(lengths < MIN_DISTANCE)
+        if len(repeated):
+            i = int(repeated[0])
             raise RoadError(f"points {i} and {i + 1} are the same: consecutive points must differ")
         if lengths.sum() > MAX_LENGTH:
             raise RoadError(
@@ -201,15 +182,23 @@ class Road:
 
     @cached_property
     def table(self) -> FloatArray:
-        """The centre line cut into sub-steps, for the kernels of `frenetic.road.geometry`."""
+        """The centre line cut into sub-steps, for the kernels of `frenetic.road.geometry`.
+
+        An array (M, 6), or (M, 7) if the road widens; that module lists its columns.
+        """
         table: FloatArray = geometry.build_table(
-            self.curvatures, self.step, *self.pose, round(self.step / self.sub_step)
+            self.curvatures, self.step, *self.pose, self._rows_per_step
         )
         if len(self.widening):
-            places = np.arange(len(table)) * self.sub_step
-            table = np.column_stack([table, profile.value_at(self.widening, places)])
+            stations = np.arange(len(table)) * self.sub_step
+            table = np.column_stack([table, profile.value_at(self.widening, stations)])
         table.setflags(write=False)
         return table
+
+    @property
+    def _rows_per_step(self) -> int:
+        """Number of rows of `table` from a sample to the next."""
+        return round(self.step / self.sub_step)
 
     @property
     def is_flat(self) -> bool:
@@ -223,12 +212,12 @@ class Road:
 
     @cached_property
     def slopes(self) -> FloatArray:
-        """Superelevation and grade at the rows of `table`, (M, 2); (0, 2) of a flat road."""
+        """Superelevation and grade at the rows of `table`, (M, 2) in m/m; (0, 2) if it is flat."""
         if self.is_flat:
             return profile.NOTHING
-        places = np.arange(len(self.table)) * self.sub_step
+        stations = np.arange(len(self.table)) * self.sub_step
         slopes = np.column_stack(
-            [profile.value_at(pairs, places) for pairs in (self.superelevation, self.grade)]
+            [profile.value_at(pairs, stations) for pairs in (self.superelevation, self.grade)]
         )
         slopes.setflags(write=False)
         return slopes
@@ -238,7 +227,7 @@ class Road:
         return profile.integral_at(self.grade, distances)
 
     def piece(self, first: int, last: int | None = None) -> Road:
-        """Return the piece of the road between two samples, in its place.
+        """Return the piece of the road between two samples, where it lies on the map.
 
         Args:
             first: index of the piece's first sample.
@@ -263,56 +252,74 @@ class Road:
 
     @property
     def headings(self) -> FloatArray:
-        """Heading at the curvature samples, (N,) in rad, not wrapped."""
-        return self.table[:: round(self.step / self.sub_step), geometry.HEADING]
+        """Heading at the curvature samples, (N,) in rad, without jumps by a full turn."""
+        return self.table[:: self._rows_per_step, geometry.HEADING]
 
     @property
     def points(self) -> FloatArray:
         """Positions of the curvature samples, (N, 2) in m."""
-        return self.table[:: round(self.step / self.sub_step), : geometry.HEADING]
+        return self.table[:: self._rows_per_step, : geometry.HEADING]
 
     @cached_property
     def road_points(self) -> FloatArray:
-        """Centre line for validity, files and simulators, (n, 2) in m, every 2 m or denser."""
+        """Points of the centre line for validity, files and simulators, (n, 2) in m.
+
+        They are up to `POINT_SPACING` apart.
+        """
         points = self.sample(POINT_SPACING)
         points.setflags(write=False)
         return points
 
     def distances(self, spacing: float = POINT_SPACING) -> FloatArray:
-        """Return distances along the road, (n,) in m: equal steps of ``spacing`` or a bit less."""
-        spacing = _metres(spacing, "spacing", MIN_STEP, math.inf)
-        pieces = max(1, math.ceil(self.length / spacing - 1e-9))
-        # As numpy.linspace, which takes several times as long.
-        places = np.arange(pieces + 1, dtype=np.float64) * (self.length / pieces)
-        places[-1] = self.length
-        return places
+        """Return distances from the road's start to its end, (n,) in m, in equal steps.
+
+        Args:
+            spacing: largest step, in m.
+        """
+        spacing = checked_length(spacing, "spacing", MIN_STEP, math.inf)
+        pieces = max(1, math.ceil(self.length / spacing - _STEPS_ROUNDING))
+        # The same as numpy.linspace, which takes several times as long.
+        distances = np.arange(pieces + 1, dtype=np.float64) * (self.length / pieces)
+        distances[-1] = self.length
+        return distances
 
     def sample(self, spacing: float = POINT_SPACING, offset: float = 0.0) -> FloatArray:
-        """Return points at `distances(spacing)`, (n, 2) in m, ``offset`` m left of the centre."""
+        """Return points of a line beside the centre line, at `distances`, (n, 2) in m.
+
+        Args:
+            spacing: largest distance between two points along the centre line, in m.
+            offset: distance of the line to the left of the centre line, in m.
+        """
         points: FloatArray = geometry.sample_line(
             self.table, self.sub_step, self.distances(spacing), float(offset)
         )
         return points
 
     def pose_at(self, distance: float) -> Pose:
-        """Return the centre line's pose at a distance in m; beyond its ends it is straight."""
-        place = (self.table, self.sub_step, float(distance))
-        x, y, *_ = geometry.frame_at(*place)
-        return Pose(x, y, geometry.heading_at(*place))
+        """Return the pose of the centre line at a distance in m along it.
+
+        Beyond its ends the line is straight.
+        """
+        table, ds, s = self.table, self.sub_step, float(distance)
+        x, y, *_ = geometry.frame_at(table, ds, s)
+        return Pose(x, y, geometry.heading_at(table, ds, s))
 
     def curvature_at(self, distances: npt.ArrayLike) -> FloatArray:
         """Return curvatures in 1/m at ``distances`` (any shape) in m; 0 beyond the road's ends."""
-        places = np.arange(len(self.curvatures)) * self.step
+        stations = np.arange(len(self.curvatures)) * self.step
         values: FloatArray = np.interp(
-            np.asarray(distances, dtype=np.float64), places, self.curvatures, left=0.0, right=0.0
+            np.asarray(distances, dtype=np.float64), stations, self.curvatures, left=0.0, right=0.0
         )
         return values
 
     def track(self, path: npt.ArrayLike) -> FloatArray:
-        """Return distance along and lateral offset, (n, 2) in m, of positions (n, 2) of a path.
+        """Return distance along the road and lateral offset, (n, 2) in m, of a path's positions.
 
-        The first position is projected onto the whole road, and each other one near the position
-        before. So a path stays on its piece of road where another piece passes close by.
+        The first position is projected onto the whole road, and each further position near the
+        projection before. So a path stays on its piece of road where another piece is close.
+
+        Args:
+            path: positions of the path, (n, 2) in m.
         """
         xy = np.ascontiguousarray(path, dtype=np.float64).reshape(-1, 2)
         result: FloatArray = geometry.track(self.table, self.sub_step, xy)
@@ -326,8 +333,7 @@ class Road:
             map_margin: least distance of the centre line from the map's edge, in m.
 
         Returns:
-            The road in its new place; the road itself if it lies inside already; None if no pose
-            fits.
+            The moved road; the road itself if it lies inside already; None if no pose fits.
         """
         motion = fit_to_map(self.road_points, map_size, map_margin)
         if motion is None:
@@ -343,40 +349,44 @@ class Road:
         map_margin: float = MAP_MARGIN,
         road_class: RoadRules | None = None,
     ) -> tuple[Road | None, Verdict]:
-        """Return this road fitted into the map, and the verdict on it there.
+        """Return this road fitted into the map, and the verdict on the fitted road.
 
         Args:
             map_size: side of the map, in m.
             map_margin: least distance of the centre line from the map's edge, in m.
-            road_class: class whose rules replace the competition's.
+            road_class: class whose rules replace the competition's rules; None for the
+                competition's.
 
         Returns:
-            (None, invalid) if no pose fits; otherwise the road there, valid or not.
+            The fitted road, valid or not, and its verdict; None with an invalid verdict if no pose
+            fits.
         """
         has_profiles = any(len(getattr(self, name)) for name in profile.NAMES)
         if road_class is None and self.pose == START and not has_profiles:
+            # A search and its campaign both place such a road.
             shape = self.curvatures.tobytes(), self.step, self.lane_width
-            return _placed_again(*shape, map_size, map_margin)
+            return _placed_cached(*shape, map_size, map_margin)
         return _placed(self, map_size, map_margin, road_class)
 
     def as_text(self) -> str:
         """Return length, least radius, and largest grade, superelevation and widening in words."""
         sharpest = float(np.abs(self.curvatures).max())
         radius = "straight" if sharpest < 1e-4 else f"sharpest radius {1.0 / sharpest:.0f} m"
-        words = [f"{self.length:.0f} m", radius]
-        ends = [profile.cut(getattr(self, name), 0.0, self.length) for name in profile.SHAPES]
-        lean, grade, wider = (pairs[:, 1] for pairs in ends)
+        texts = [f"{self.length:.0f} m", radius]
+        superelevation, grade, widening = (
+            profile.cut(getattr(self, name), 0.0, self.length)[:, 1] for name in profile.SHAPES
+        )
         if len(grade):
             steepest = 100.0 * float(grade[np.abs(grade).argmax()])
-            words.append(f"grade up to {steepest:+.1f} %".replace("-", "−"))
-        if len(lean):
-            words.append(f"superelevation up to {100.0 * np.abs(lean).max():.1f} %")
-        if len(wider):
-            words.append(f"lanes up to {wider.max():.2f} m wider")
-        return ", ".join(words)
+            texts.append(f"grade up to {steepest:+.1f} %".replace("-", "−"))
+        if len(superelevation):
+            texts.append(f"superelevation up to {100.0 * np.abs(superelevation).max():.1f} %")
+        if len(widening):
+            texts.append(f"lanes up to {widening.max():.2f} m wider")
+        return ", ".join(texts)
 
     def __repr__(self) -> str:
-        """The road at a glance."""
+        """Return length, number of curvatures and largest curvature in short."""
         sharpest = float(np.abs(self.curvatures).max())
         return (
             f"<Road of {self.length:.0f} m: {len(self.curvatures)} curvatures, the sharpest"
@@ -384,7 +394,7 @@ class Road:
         )
 
     def __reduce__(self) -> tuple[Any, ...]:
-        # The constructor's arguments alone: cached tables are computed anew.
+        # Only the constructor's arguments are pickled; cached tables are computed again.
         profiles = {name: getattr(self, name) for name in profile.NAMES}
         construct = partial(Road, lane_width=self.lane_width, **profiles)
         return construct, (self.curvatures, self.step, tuple(self.pose))
@@ -392,86 +402,23 @@ class Road:
     def check_validity(
         self, map_size: float = MAP_SIZE, road_class: RoadRules | None = None
     ) -> Verdict:
-        """Return the verdict on this road in its place, by the competition or a road class."""
+        """Return the verdict on this road where it lies, by the competition's rules or a class's.
+
+        Args:
+            map_size: side of the map, in m.
+            road_class: class whose rules replace the competition's rules; the road still has to lie
+                in the map and must not meet itself. None for the competition's.
+        """
         if road_class is None:
             return check_validity(self.road_points, map_size)
         verdict = road_class.verdict(self)
         return verdict and check_layout(self.road_points, map_size)
 
 
-def checked_lane_width(value: float) -> float:
-    """Return the width of a lane, in m.
-
-    Raises:
-        RoadError: the width is no number from 0.1 to 100 m.
-    """
-    return _metres(value, "lane_width", MIN_LANE_WIDTH, MAX_LANE_WIDTH)
-
-
-def _checked_curvatures(curvatures: npt.ArrayLike) -> FloatArray:
-    """Return curvatures as a read-only (N,) array.
-
-    Raises:
-        RoadError: they are no flat list of numbers, too few or too many, or one is too large.
-    """
-    try:
-        values = np.array(curvatures, dtype=np.float64)
-    except (TypeError, ValueError, OverflowError):
-        raise RoadError("curvatures are not a list of numbers") from None
-    if values.ndim != 1:
-        raise RoadError(f"curvatures have shape {values.shape}: a flat list (N,) is needed")
-    if not 2 <= len(values) <= MAX_SAMPLES:
-        raise RoadError(
-            f"a road of {len(values)} curvature samples: 2 to {MAX_SAMPLES} are allowed"
-        )
-    bad = np.flatnonzero(~(np.abs(values) <= MAX_CURVATURE))
-    if len(bad):
-        raise RoadError(
-            f"curvature {bad[0]} is {values[bad[0]]:g} 1/m: every curvature must be a finite"
-            f" number, at most {MAX_CURVATURE:g} in either direction"
-        )
-    values.setflags(write=False)
-    return values
-
-
-def _checked_pose(pose: tuple[float, float, float]) -> Pose:
-    """Return a pose of three floats.
-
-    Raises:
-        RoadError: the pose is not x, y and heading, or a number is too large.
-    """
-    try:
-        x, y, heading = map(float, pose)
-    except (TypeError, ValueError, OverflowError):
-        raise RoadError(f"pose {pose!r:.40}: x, y and heading are needed") from None
-    if not (abs(x) <= MAX_COORDINATE and abs(y) <= MAX_COORDINATE and abs(heading) <= MAX_HEADING):
-        raise RoadError(
-            f"pose ({x:g}, {y:g}, {heading:g}): x and y of at most {MAX_COORDINATE:g} m and a"
-            f" heading of at most {MAX_HEADING:g} rad in either direction are needed"
-        )
-    return Pose(x, y, heading)
-
-
-def _metres(value: float, name: str, least: float, most: float) -> float:
-    """Return a length in m as a float.
-
-    Raises:
-        RoadError: the value is no number from ``least`` to ``most``.
-    """
-    try:
-        number = float(value)
-    except (TypeError, ValueError, OverflowError):
-        number, text = math.nan, f"{value!r:.40}"
-    else:
-        text = f"{number:g}"
-    if not least <= number <= most:
-        raise RoadError(f"{name} is {text}: {least:g} to {most:g} m are allowed")
-    return number
-
-
 def _placed(
     road: Road, map_size: float, map_margin: float, road_class: RoadRules | None
 ) -> tuple[Road | None, Verdict]:
+    """Return a road fitted into the map, and its verdict, see `Road.placed`."""
     fitted = road.fitted(map_size, map_margin)
     if fitted is None:
         return None, Verdict(
@@ -481,9 +428,15 @@ def _placed(
 
 
 @lru_cache(maxsize=64)
-def _placed_again(
+def _placed_cached(
     curvatures: bytes, step: float, lane_width: float, map_size: float, map_margin: float
 ) -> tuple[Road | None, Verdict]:
-    """Return `_placed` of a flat road at `START`; cached, as a search and its campaign both ask."""
+    """Return the cached `_placed` of a road at `START` without profiles.
+
+    Args:
+        curvatures: bytes of the road's curvatures, which can be a key of the cache.
+        step, lane_width: see `Road`.
+        map_size, map_margin: see `Road.placed`.
+    """
     road = Road(np.frombuffer(curvatures), step, lane_width=lane_width)
     return _placed(road, map_size, map_margin, None)

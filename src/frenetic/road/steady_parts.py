@@ -1,4 +1,4 @@
-"""Parts of a road: arcs and straights of one curvature, and stations where something bends."""
+"""Steady parts of a road (arcs and straights), and the stations between which it is linear."""
 
 from __future__ import annotations
 
@@ -15,16 +15,24 @@ if TYPE_CHECKING:
 
     from frenetic.road.road import Road
 
-_ROUNDING: Final = 1e-9  # [m] by which the last station may lie beyond a road; ours
+_ROUNDING: Final = 1e-9  # [m] by which the last station may lie beyond a road; our choice
 
 
 def indices_of(values: npt.NDArray[np.bool_]) -> list[int]:
-    """Return the indices of true values."""
+    """Return the indices at which values, (n,), are true."""
     return np.flatnonzero(values).tolist()
 
 
 def knots(road: Road, pairs: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return stations in m where the curvature or a profile bends, and the curvatures there."""
+    """Return the stations between which curvature and a profile are linear, and the curvatures.
+
+    Args:
+        road: the road.
+        pairs: a profile of the road, (k, 2), see `frenetic.road.profile`.
+
+    Returns:
+        Stations on the road, (n,) in m, and the curvatures there, (n,) in 1/m.
+    """
     samples = np.arange(len(road.curvatures)) * road.step
     stations = np.unique(np.concatenate([samples, pairs[:, 0]]))
     stations = stations[(stations >= 0.0) & (stations <= road.length + _ROUNDING)]
@@ -32,7 +40,7 @@ def knots(road: Road, pairs: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 
 class SteadyPart(NamedTuple):
-    """Samples of one curvature between two clothoids, or the sample at which clothoids meet."""
+    """Samples with the same curvature between two clothoids, or a sample where clothoids meet."""
 
     first: int
     """Index of the first sample."""
@@ -46,9 +54,14 @@ class SteadyPart(NamedTuple):
     """Curvature at the end of the clothoid that leads away, in 1/m."""
 
 
-def steady_parts(values: FloatArray) -> list[SteadyPart]:
-    """Return a road's steady parts, without those at its ends, which may belong to longer ones."""
-    changes = np.diff(values)
+def steady_parts(curvatures: FloatArray) -> list[SteadyPart]:
+    """Return the steady parts of a road with these curvatures, (n,) in 1/m.
+
+    The parts at both ends are left out: they may continue beyond the road, so their length is
+    unknown.
+    """
+    # Neighbouring changes of the same sign belong to one clothoid, and changes of 0 to one part.
+    changes = np.diff(curvatures)
     signs = np.where(np.abs(changes) > NO_CHANGE, np.sign(changes), 0.0)
     borders = [0, *indices_of(np.diff(signs, prepend=signs[0]) != 0.0), len(signs)]
     spans: list[tuple[int, int]] = []
@@ -59,8 +72,8 @@ def steady_parts(values: FloatArray) -> list[SteadyPart]:
             spans.append((first, first))
     if spans[-1][1] != len(signs):
         spans.append((len(signs), len(signs)))
-    curvatures = [float(values[first]) for first, _ in spans]
+    steady = [float(curvatures[first]) for first, _ in spans]
     return [
-        SteadyPart(*spans[k], curvatures[k], curvatures[k - 1], curvatures[k + 1])
+        SteadyPart(*spans[k], steady[k], steady[k - 1], steady[k + 1])
         for k in range(1, len(spans) - 1)
     ]

@@ -1,6 +1,7 @@
-"""The competition's verdict whether a list of road points is a road test.
+"""Validity: whether the competition accepts a list of road points as a road test.
 
-The rules are the competition's; the method is ours.
+The rules are the rules of the SBST/SBFT tool competition; `check_validity` lists them. The method
+is our own: compiled kernels that give the same verdicts.
 """
 
 from __future__ import annotations
@@ -35,35 +36,42 @@ MAP_SIZE: Final = 200.0
 LANE_WIDTH: Final = 4.0
 """Width of each of the two lanes of the competition's roads, in m; the default of any road."""
 
-_MAX_POINTS: Final = 500
-_NODE_DISTANCE: Final = 1.0  # [m] along the polyline of the road points
-_MIN_STEPS: Final = 20
+# Numbers of the competition's rules.
+_MAX_POINTS: Final = 500  # number of road points
+_NODE_DISTANCE: Final = 1.0  # [m] between nodes, along the polyline of the road points
+_MIN_STEPS: Final = 20  # least number of steps between nodes
 _HALF_WIDTH: Final = LANE_WIDTH  # [m] of a road of two lanes
-_MIN_LENGTH: Final = 20.0  # [m]
-_MIN_RADIUS: Final = 47.0  # [ft]
+_MIN_LENGTH: Final = 20.0  # [m] of the road
+_MIN_RADIUS: Final = 47.0  # [ft] of a bend
 _FEET_PER_METRE: Final = 3.280839895
-_STRAIGHT: Final = 1e-6  # [m2] less than this, and three points count as collinear
+_STRAIGHT: Final = 1e-6  # [m2] twice the area of the largest triangle of collinear points
 
-_LONGEST: Final = 1e6  # [m] what `interpolate` accepts, since it makes a node for every metre
+_LONGEST: Final = 1e6
+"""Length of the longest road that `interpolate` accepts, in m; our choice, since it makes a node
+for every metre."""
+_MOST_LENGTHS: Final = 1000.0
+"""Length, in sides of the map, beyond which a road surely leaves the map: a polyline of at most 500
+points inside the map has at most 499 diagonals."""
 
 
 @dataclass(frozen=True)
 class Verdict:
-    """Whether a road is valid, and if not, why; true in a condition when it is."""
+    """Whether a road is valid, and the reason if it is not. A valid road's verdict is true."""
 
     valid: bool
     message: str
-    """The first rule that the road does not keep, in the competition's words; empty when valid."""
+    """First rule that the road breaks, in the competition's words; empty if it is valid."""
 
     def __bool__(self) -> bool:
+        """Return whether the road is valid."""
         return self.valid
 
 
 class RoadRules(Protocol):
-    """Rules in place of the competition's, see `frenetic.road.classes.RoadClass`."""
+    """Rules in place of the competition's rules, see `frenetic.road.classes.RoadClass`."""
 
     def verdict(self, road: Any) -> Verdict:
-        """Whether a `frenetic.road.Road` keeps them."""
+        """Return the verdict on a `frenetic.road.Road` by these rules."""
 
 
 _VERDICTS: Final = tuple(
@@ -88,27 +96,33 @@ _VERDICTS: Final = tuple(
     _SELF_INTERSECTING,
     _TOO_SHORT,
     _TOO_SHARP,
-) = range(len(_VERDICTS))  # what the kernels answer
+) = range(len(_VERDICTS))
+"""Codes that the kernels return: indices of `_VERDICTS`."""
 
 
 def check_validity(points: npt.ArrayLike, map_size: float = MAP_SIZE) -> Verdict:
-    """Return the competition's verdict on a road; its message names the first rule not kept.
+    """Return the competition's verdict on a road; its message names the first rule that it breaks.
 
-    In this order: 2 to 500 points, no two consecutive ones the same; the 8 m wide road around the
-    interpolated points (see `interpolate`) strictly inside the map; no quadrilateral of that road
-    twisted, meeting one that is not its neighbour, or sharing more than an edge with its
-    neighbour; more than 20 m long; nowhere sharper than a radius of 47 ft (see `min_radius`).
+    The rules, in this order:
 
-    Two cases are ours, because the competition's code cannot go on: it crashes on consecutive
-    points that are the same (here: invalid, with a message of its own), and it takes a perfectly
-    straight road for infinitely sharp (here: it passes).
+    - There are 2 to 500 points, and consecutive points differ.
+    - The 8 m wide road around the interpolated points (see `interpolate`) is strictly inside the
+      map.
+    - No quadrilateral of that road is twisted, meets a quadrilateral that is not its neighbour, or
+      shares more than an edge with its neighbour.
+    - The road is more than 20 m long.
+    - No radius is less than 47 ft (see `min_radius`).
+
+    Two verdicts differ from the competition's code: it crashes on equal consecutive points (here
+    they are invalid, with a message), and it takes a perfectly straight road for infinitely sharp
+    (here the road is valid).
 
     Args:
-        points: (N, 2) road points x, y in m.
-        map_size: The map is the square [0, map_size]^2, in m.
+        points: road points x, y, (N, 2) in m.
+        map_size: side of the map, in m: the map is the square [0, map_size]^2.
 
     Raises:
-        RoadError: The points are not N finite pairs of numbers, or the map has no size.
+        RoadError: the points are not N finite pairs of numbers, or the map has no size.
     """
     if not 0.0 < map_size < math.inf:
         raise RoadError(f"map_size is {map_size!r}, but must be a positive number of metres")
@@ -116,11 +130,11 @@ def check_validity(points: npt.ArrayLike, map_size: float = MAP_SIZE) -> Verdict
 
 
 def check_layout(points: npt.ArrayLike, map_size: float) -> Verdict:
-    """The verdict whether a road lies in the map and keeps clear of itself; no other rule counts.
+    """Return the verdict on a road by two rules: it lies in the map, and it does not meet itself.
 
     Args:
-        points: (N, 2) the road's centre line in m, dense enough to stand for the curve.
-        map_size: The map is the square [0, map_size]^2, in m.
+        points: points of the road's centre line, (N, 2) in m, at most 2 m apart.
+        map_size: side of the map, in m: the map is the square [0, map_size]^2.
     """
     return _VERDICTS[_check_layout(as_points(points), float(map_size))]
 
@@ -128,18 +142,19 @@ def check_layout(points: npt.ArrayLike, map_size: float) -> Verdict:
 def interpolate(points: npt.ArrayLike) -> FloatArray:
     """Return the nodes, (M, 2) in m, from which the competition builds the road.
 
-    An interpolating spline through the points (degree 1 for two points, 2 for three, otherwise 3,
-    not-a-knot), parametrised by the share u of the polyline's length, is evaluated at
-    n = max(20, floor(length / 1 m)) equal steps of u and rounded to the millimetre. M is n + 1.
-    For some n, M is n + 2: the competition's steps are ``numpy.arange(0, 1 + 1 / n, 1 / n)``, whose
-    rounding lets in another one, beyond the last road point.
+    A spline interpolates the points: of degree 1 for two points, 2 for three points, otherwise 3
+    with the not-a-knot condition. Its parameter u is the share of the polyline's length. The spline
+    is evaluated at n = max(20, floor(length / 1 m)) equal steps of u and rounded to the millimetre,
+    so M is n + 1. For some n, M is n + 2: the competition's steps are
+    ``numpy.arange(0, 1 + 1 / n, 1 / n)``, which by rounding may contain a further step, beyond the
+    last road point.
 
     Args:
-        points: (N, 2) road points x, y in m, at least two.
+        points: road points x, y, (N, 2) in m, at least two.
 
     Raises:
-        RoadError: The points are not finite pairs of numbers, fewer than two, more than 1000 km of
-            road, or two consecutive ones are the same.
+        RoadError: the points are not finite pairs of numbers, there are fewer than two, consecutive
+            points are the same, or the road is longer than 1000 km.
     """
     road_points = as_points(points)
     if len(road_points) < 2:
@@ -150,35 +165,35 @@ def interpolate(points: npt.ArrayLike) -> FloatArray:
             f"the road is {length:.6g} m long, but at most {_LONGEST:.0f} m are allowed"
         )
     if not _increasing(parameters):
-        raise RoadError("two consecutive road points are the same; a road moves on at every point")
+        raise RoadError("two consecutive road points are the same: consecutive points must differ")
     nodes: FloatArray = _nodes(road_points, parameters, length)
     return nodes
 
 
 def min_radius(interpolated: npt.ArrayLike) -> float:
-    """Return the radius in m at the sharpest place of a road, infinity if it is straight.
+    """Return the radius of a road's sharpest bend, in m; infinity if the road is straight.
 
-    That is the smallest circle through the points i, i + 2 and i + 4, for i = 0 .. M - 6 (the
-    competition leaves out the last such triple).
+    The radius is the least radius of a circle through the points i, i + 2 and i + 4, for i from 0
+    to M - 6. The competition leaves out the last such triple, i = M - 5.
 
     Args:
-        interpolated: (M, 2) points in m about 1 m apart, as `interpolate` returns them.
+        interpolated: points about 1 m apart, (M, 2) in m, from `interpolate`.
 
     Raises:
-        RoadError: The points are not finite pairs of numbers.
+        RoadError: the points are not finite pairs of numbers.
     """
     return float(_min_radius(as_points(interpolated)))
 
 
 def overlaps_itself(left: npt.ArrayLike, right: npt.ArrayLike) -> bool:
-    """Return whether a road is twisted or meets itself, as the competition decides it.
+    """Return whether a road is twisted or meets itself, by the competition's rule.
 
     Args:
-        left: (M, 2) points of the left edge in m, at least two.
-        right: (M, 2) points of the right edge in m.
+        left: points of the left edge, (M, 2) in m, at least two.
+        right: points of the right edge, (M, 2) in m.
 
     Raises:
-        RoadError: The points are not M finite pairs of numbers each.
+        RoadError: the edges are not M finite pairs of numbers each.
     """
     left_edge, right_edge = as_points(left), as_points(right)
     if left_edge.shape != right_edge.shape or len(left_edge) < 2:
@@ -190,15 +205,15 @@ def overlaps_itself(left: npt.ArrayLike, right: npt.ArrayLike) -> bool:
 
 
 def as_points(points: npt.ArrayLike) -> FloatArray:
-    """Return a fresh (N, 2) array in C order: the one type for which the kernels are compiled.
+    """Return points as a new array (N, 2) of floats in C order, which the kernels need.
 
     Raises:
-        RoadError: The points are not N finite pairs of numbers.
+        RoadError: the points are not N finite pairs of numbers.
     """
     try:
         array = np.asarray(points)
     except ValueError:
-        raise RoadError("road points must be pairs x, y of numbers, all of them pairs") from None
+        raise RoadError("road points must all be pairs x, y of numbers") from None
     if array.ndim != 2 or array.shape[1] != 2:
         if array.shape == (0,):
             return np.empty((0, 2))
@@ -221,17 +236,16 @@ def as_points(points: npt.ArrayLike) -> FloatArray:
 
 @njit()
 def _check(points: FloatArray, map_size: float) -> int:
-    """Return the code of the first rule that is not kept, _VALID if all are."""
+    """Return the code of the first rule that a road breaks; _VALID if it breaks none."""
     if len(points) < 2:
         return _TOO_FEW
     if len(points) > _MAX_POINTS:
         return _TOO_MANY
     parameters, length = _chord_parameters(points)
     if not _increasing(parameters):
-        # A length that overflows says nothing of the points, but that the road leaves any map.
+        # Parameters do not increase either if the length overflows: such a road leaves any map.
         return _REPEATED if length < math.inf else _OUTSIDE
-    # No polyline of so few points inside the map is longer than 499 diagonals of it.
-    if length > 1000.0 * map_size:
+    if length > _MOST_LENGTHS * map_size:
         return _OUTSIDE
 
     nodes = _nodes(points, parameters, length)
@@ -247,7 +261,7 @@ def _check(points: FloatArray, map_size: float) -> int:
 
 @njit()
 def _check_layout(nodes: FloatArray, map_size: float) -> int:
-    """Return the code of what is wrong with the place of a road of these nodes, or _VALID."""
+    """Return _OUTSIDE, _SELF_INTERSECTING or _VALID for a road with these nodes, (M, 2) in m."""
     left, right, moves = _edges(nodes)
     if not (_inside(nodes, map_size) and _inside(left, map_size) and _inside(right, map_size)):
         return _OUTSIDE
@@ -258,6 +272,7 @@ def _check_layout(nodes: FloatArray, map_size: float) -> int:
 
 @njit()
 def _inside(points: FloatArray, map_size: float) -> bool:
+    """Return whether all points are strictly inside the map."""
     for i in range(len(points)):
         if not (0.0 < points[i, 0] < map_size and 0.0 < points[i, 1] < map_size):
             return False
@@ -266,6 +281,7 @@ def _inside(points: FloatArray, map_size: float) -> bool:
 
 @njit()
 def _length(points: FloatArray) -> float:
+    """Return the length of the polyline through points, in m."""
     total = 0.0
     for i in range(len(points) - 1):
         dx = points[i + 1, 0] - points[i, 0]
@@ -276,6 +292,7 @@ def _length(points: FloatArray) -> float:
 
 @njit()
 def _min_radius(points: FloatArray) -> float:
+    """Return the least radius in m, see `min_radius`."""
     smallest = math.inf  # the square of the radius
     for i in range(len(points) - 5):
         ax = points[i + 2, 0] - points[i, 0]
@@ -310,6 +327,7 @@ def _chord_parameters(points: FloatArray) -> tuple[FloatArray, float]:
 
 @njit()
 def _increasing(parameters: FloatArray) -> bool:
+    """Return whether each parameter is larger than the parameter before."""
     return bool((parameters[1:] > parameters[:-1]).all())
 
 
@@ -321,8 +339,8 @@ def _nodes(points: FloatArray, parameters: FloatArray, length: float) -> FloatAr
     nodes = np.empty((math.ceil((1.0 + step) / step), 2))
 
     # On segment j: x(u) = x_j + t (m_j + t (c_j + t d_j)) with t = u - u_j. The first two segments
-    # have their polynomial in common, and so have the last two (not-a-knot): there the longer one
-    # is used. A tiny one has few digits of c and d, too few to go on beyond the last point.
+    # share one polynomial, and so do the last two (not-a-knot). Of two such segments, the longer is
+    # used: a tiny segment has too few digits of c and d to continue beyond the last point.
     gaps = parameters[1:] - parameters[:-1]
     last = len(gaps) - 1
     first_choice = 1 if last > 0 and gaps[1] > gaps[0] else 0
@@ -347,15 +365,15 @@ def _nodes(points: FloatArray, parameters: FloatArray, length: float) -> FloatAr
 
 @njit()
 def _slopes(gaps: FloatArray, secants: FloatArray) -> FloatArray:
-    """Return the interpolating spline's derivative at its N points, (N,).
+    """Return the derivatives of the interpolating spline at its N points, (N,).
 
-    The degree follows from the number of points. The cubic's second derivative is continuous at
-    every inner point, its third at the second and the second-last (not-a-knot): N equations with a
-    tridiagonal matrix.
+    The number of points determines the degree, see `interpolate`. The second derivative of the
+    cubic spline is continuous at every inner point, and the third at the second and the second-last
+    point (not-a-knot). That makes N equations with a tridiagonal matrix.
 
     Args:
-        gaps: (N - 1,) between the parameters of consecutive points.
-        secants: (N - 1,) difference quotients.
+        gaps: differences between the parameters of consecutive points, (N - 1,).
+        secants: slopes of the chords between consecutive points, (N - 1,).
     """
     last = len(gaps)
     slopes = np.empty(last + 1)
@@ -390,12 +408,13 @@ def _slopes(gaps: FloatArray, secants: FloatArray) -> FloatArray:
 
 @njit()
 def _to_millimetre(value: float) -> float:
-    """Return what Python's ``round(value, 3)`` does: the nearest decimal to the exact value."""
+    """Return the multiple of 0.001 nearest to the exact value, as Python's ``round(value, 3)``."""
     scaled = value * 1000.0
     below = math.floor(scaled)
     if scaled - below == 0.5:
-        # The product looks like a tie. What its rounding lost tells on which side it is: a half of
-        # the value's digits is multiplied without loss (Dekker's splitting).
+        # The rounded product is a tie, but the exact product may lie on either side. The rounding
+        # error shows the side; Dekker's splitting computes it, as each half of the value's digits
+        # is multiplied without error.
         half = 134217729.0 * value
         half -= half - value
         lost = (1000.0 * half - scaled) + 1000.0 * (value - half)
@@ -409,10 +428,10 @@ def _to_millimetre(value: float) -> float:
 
 @njit()
 def _edges(nodes: FloatArray) -> tuple[FloatArray, FloatArray, bool]:
-    """Return left and right edge, (M, 2) each, and whether every step has a direction.
+    """Return the left and right edge, (M, 2) each, and whether every step has a length.
 
-    The normal at a node is the normal of the step ahead, at the last node of the step behind. Where
-    a step has no length, the edges are at the node itself.
+    The edges are perpendicular to the step from a node to the next; at the last node, to the last
+    step. Where a step has no length, both edges are at the node itself.
     """
     left = np.empty_like(nodes)
     right = np.empty_like(nodes)

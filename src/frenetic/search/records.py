@@ -110,7 +110,8 @@ class Candidate:
             RoadError: Curvatures or profiles make no road.
         """
         from frenetic.road import profile  # a strategy's records need no compiled code
-        from frenetic.road.road import START, Road
+        from frenetic.road.road import Road
+        from frenetic.road.road_values import START
 
         profiles: dict[str, FloatArray] = {}
         if road_class is not None:

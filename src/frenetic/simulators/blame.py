@@ -5,7 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import Final, Literal, Self
 
-from frenetic.drivers.driver import Driver, is_of_driver, stack_of
+from frenetic.drivers.calls import is_of_driver
+from frenetic.drivers.driver import Driver
+from frenetic.drivers.stack import stack_of
 from frenetic.errors import (
     BREAKS_PROTOCOL,
     ENDS_ITS_PROCESS,

@@ -13,7 +13,8 @@ from typing import TYPE_CHECKING, Any, Final
 
 from frenetic._support.bounds import Count, Positive, check
 from frenetic.conditions.condition import Condition, attributes
-from frenetic.drivers.driver import Driver, SelectiveDriver, camera_of, period_of, stack_of
+from frenetic.drivers.driver import Driver, SelectiveDriver
+from frenetic.drivers.stack import camera_of, period_of, stack_of
 from frenetic.errors import DriverError, FreneticError, RoadError
 from frenetic.road import Road
 from frenetic.simulators.checks import SimulatorCheck

@@ -14,7 +14,7 @@ from typing import Any, TypeAlias
 from msgspec import convert
 
 from frenetic._support.bounds import Finite
-from frenetic.conditions.condition import SEED, condition_named, known_conditions, named
+from frenetic.conditions.condition import SEED, condition_named, condition_names, known_conditions
 from frenetic.drivers.driver import Driver
 from frenetic.drivers.loading import under
 from frenetic.errors import FreneticError
@@ -71,8 +71,8 @@ def usual_conditions(conditions: Conditions, simulator: Simulator) -> dict[str, 
     A place on the road has no usual amount.
     """
     amounts: dict[str, float] = {}
-    for name in named(conditions):
-        usual = condition_named(name).nothing
+    for name in condition_names(conditions):
+        usual = condition_named(name).no_effect
         usual = own_amount(simulator, name) if usual is None else usual
         if usual is not None:
             amounts[name] = usual
@@ -81,7 +81,7 @@ def usual_conditions(conditions: Conditions, simulator: Simulator) -> dict[str, 
 
 def rules_in(conditions: Conditions, rules: Rules) -> Rules:
     """Return the rules of a drive in some conditions, in a campaign with these rules."""
-    for name in named(conditions):
+    for name in condition_names(conditions):
         if condition_named(name).attribute == "rules":
             rules = rules.with_speed(conditions[name])
     return rules

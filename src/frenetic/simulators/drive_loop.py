@@ -10,15 +10,10 @@ from typing import Any, Final, Protocol
 
 import numpy as np
 
+from frenetic.drivers.calls import blaming_driver, checked_controls
 from frenetic.drivers.camera import Image
-from frenetic.drivers.driver import (
-    Driver,
-    DriveSetup,
-    Observation,
-    blaming_driver,
-    checked_controls,
-    period_of,
-)
+from frenetic.drivers.driver import Driver, DriveSetup, Observation
+from frenetic.drivers.stack import period_of
 from frenetic.errors import HANGS, DriverError, Fault, FreneticError, Trouble, traceback_of
 from frenetic.oracle.drive import CarBody, Drive, Rules, Trajectory
 from frenetic.processes import object_host

@@ -14,8 +14,8 @@ import numpy as np
 from frenetic._support.arrays import FloatArray
 from frenetic._support.compiled import njit
 from frenetic.drivers.driver import AHEAD_POINTS, AHEAD_SPACING, Observation
+from frenetic.oracle.assessment import RUNNING, assess_record, rules_array
 from frenetic.oracle.drive import CarBody, Rules
-from frenetic.oracle.verdict import RUNNING, assess_record, rules_array
 from frenetic.road import Road
 from frenetic.road.geometry import heading_at, project_near, reach_of
 
@@ -96,7 +96,7 @@ def observe(
 
     Args:
         table, ds, lane_width, rules, car, heading, s, least: see
-        `frenetic.oracle.verdict.assess_record`.
+        `frenetic.oracle.assessment.assess_record`.
         records: (3, n) times, xs and ys of the records, or more rows.
         i: Number of the record.
         ahead, curvature_ahead: Room, which is filled with points of the lane ahead.

@@ -12,9 +12,10 @@ import pytest
 from frenetic._support.arrays import FloatArray
 from frenetic.drivers import Driver, DriveSetup, Observation, Stanley
 from frenetic.drivers.driver import AHEAD_POINTS, AHEAD_SPACING
+from frenetic.oracle.assessment import LEFT_LANE, REACHED, RUNNING, STUCK, TIMED_OUT, assess
 from frenetic.oracle.drive import CarBody, Drive, Rules
 from frenetic.oracle.outcome import Outcome
-from frenetic.oracle.verdict import LEFT_LANE, REACHED, RUNNING, STUCK, TIMED_OUT, assess, judge
+from frenetic.oracle.verdict import judge
 from frenetic.processes.wall_limit import WallLimitExceeded, wall_limit
 from frenetic.road import Pose, Road
 from frenetic.simulators.capabilities import capabilities

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from frenetic.oracle.assessment import assess
 from frenetic.oracle.drive import Rules
-from frenetic.oracle.verdict import assess
 from frenetic.road import Road
 from frenetic.simulators import EmbeddedSimulator
 from frenetic.simulators.simulator import Simulator

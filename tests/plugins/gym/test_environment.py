@@ -19,7 +19,7 @@ from gymnasium.utils.env_checker import check_env
 from frenetic import Budget, Campaign, EmbeddedSimulator, Planner, RandomSearch, Road, Rules, judge
 from frenetic.drivers import Camera, LimitedView
 from frenetic.errors import FreneticError
-from frenetic.oracle.verdict import assess
+from frenetic.oracle.assessment import assess
 from frenetic.plugins.gym import FAILURE, LaneKeepingEnv
 from frenetic.plugins.vision.policy import STEERING_RANGE, PolicyDriver
 

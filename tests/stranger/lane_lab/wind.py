@@ -13,7 +13,7 @@ CONDITIONS = (
         low=0.0,
         high=0.5,
         usual=(0.0, 0.1),
-        nothing=0.0,
+        no_effect=0.0,
         wrapper="lane_lab.wind:Windy",
     ),
 )

@@ -14,7 +14,7 @@ from msgspec import Meta
 
 from frenetic._support.bounds import Count, Finite, Positive, Text, check
 from frenetic.drivers import BeamngAi, Driver, DriveSetup
-from frenetic.drivers.driver import camera_of, check_other_world, unwrapped
+from frenetic.drivers.stack import camera_of, check_other_world, unwrapped
 from frenetic.errors import DriverError, Trouble
 from frenetic.oracle.drive import CarBody, Drive, Rules, Trajectory
 from frenetic.plugins.beamng.car import BeamngCar, MeasuredCar

@@ -11,7 +11,7 @@ from typing import Any
 
 import msgspec
 
-from frenetic._support.words import part_word, read_part
+from frenetic._support.option_text import part_word, read_part
 from frenetic.errors import FreneticError
 from frenetic.parts.named_code import Parts
 from frenetic.parts.registry import STRATEGIES

@@ -22,8 +22,8 @@ from frenetic.drivers import Camera
 from frenetic.drivers.driver import AHEAD_POINTS
 from frenetic.drivers.laws import setup_array
 from frenetic.errors import FreneticError
+from frenetic.oracle.assessment import REACHED, RUNNING, TIMED_OUT, rules_array
 from frenetic.oracle.outcome import Outcome
-from frenetic.oracle.verdict import REACHED, RUNNING, TIMED_OUT, rules_array
 from frenetic.plugins.vision.policy import ACTION_SIZE, VECTOR_SIZE, controls_of, write_vector
 from frenetic.plugins.vision.rendering import CameraRenderer
 from frenetic.road import Road
@@ -82,7 +82,7 @@ def step_cars(
         slopes: (n, m, 2) theirs, see `Road.slopes`.
         rows: (n, 2) rows of each road's table and slopes.
         roads: (n, 2) sub-step and lane width of each road in m.
-        rules: (n, 5) see `frenetic.oracle.verdict.rules_array`.
+        rules: (n, 5) see `frenetic.oracle.assessment.rules_array`.
         setups: (n, 9) see `frenetic.drivers.laws.setup_array`.
         limits: (n, m, 2) m and m/s, the speed limits, each from its station on.
         car, vehicle: see `rollout`.
@@ -206,7 +206,7 @@ class Cars:
         self.steps = np.zeros(count, np.int64)
         """Control periods driven, (n,)."""
         self.ends = np.full(count, REACHED, np.int64)
-        """State of each drive, (n,), see `frenetic.oracle.verdict`; at first, all have ended."""
+        """State of each drive, (n,), see `frenetic.oracle.assessment`; at first, all have ended."""
         self.rewards = np.zeros(count)
         """Rewards of the last step, (n,)."""
         self.vectors = np.zeros((count, VECTOR_SIZE), np.float32)

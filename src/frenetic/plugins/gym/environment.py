@@ -19,11 +19,11 @@ from frenetic.campaign.database import DATABASE
 from frenetic.campaign.store import CampaignStore
 from frenetic.drivers import Camera
 from frenetic.errors import FreneticError
+from frenetic.oracle.assessment import RUNNING
 from frenetic.oracle.outcome import Outcome
-from frenetic.oracle.verdict import RUNNING
 from frenetic.plugins.gym.cars import START, STEP, WAIT, Cars, Seen, checked_actions
 from frenetic.road import MAP_SIZE, Road
-from frenetic.road.files import find_roads
+from frenetic.road.folders import find_roads
 from frenetic.search.random_roads import RandomRoads
 from frenetic.simulators import Drive, EmbeddedSimulator
 

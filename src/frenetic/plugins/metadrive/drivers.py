@@ -18,7 +18,7 @@ from frenetic._support.arrays import FloatArray
 from frenetic._support.bounds import Positive, check
 from frenetic._support.onnx_model import OnnxModel, read_model, shown_shape
 from frenetic.drivers import Controls, Driver, DriveSetup, Observation
-from frenetic.drivers.driver import unwrapped
+from frenetic.drivers.stack import unwrapped
 from frenetic.errors import DriverError
 from frenetic.plugins.metadrive.car import VEHICLE, Decision
 from frenetic.plugins.metadrive.expert import (

@@ -11,14 +11,8 @@ from typing import TYPE_CHECKING, Any, ClassVar, Final, Self
 from frenetic._support.bounds import Positive, check
 from frenetic._support.words import pip_install
 from frenetic.drivers.camera import Camera, Image
-from frenetic.drivers.driver import (
-    Controls,
-    Driver,
-    DriveSetup,
-    Observation,
-    camera_of,
-    check_other_world,
-)
+from frenetic.drivers.driver import Controls, Driver, DriveSetup, Observation
+from frenetic.drivers.stack import camera_of, check_other_world
 from frenetic.errors import DriverError, FreneticError, Trouble, describe_error
 from frenetic.oracle.drive import Drive, Rules, Trajectory
 from frenetic.plugins.metadrive.car import PHYSICS_STEP, VEHICLE, Decision

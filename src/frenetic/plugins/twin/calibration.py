@@ -16,10 +16,10 @@ from msgspec import Struct
 from threadpoolctl import threadpool_limits
 
 from frenetic._support.arrays import FloatArray
-from frenetic._support.words import read_part
+from frenetic._support.option_text import read_part
 from frenetic.analysis.statistics import ranks
 from frenetic.errors import FreneticError
-from frenetic.oracle.verdict import REACHED, assess
+from frenetic.oracle.assessment import REACHED, assess
 from frenetic.plugins.twin.fitting import Fit
 from frenetic.plugins.twin.intervals import fitted_parameters
 from frenetic.plugins.twin.model import TwinModel

@@ -21,8 +21,8 @@ from frenetic.campaign.tester import RoadTester
 from frenetic.campaign.workers import driving
 from frenetic.drivers.driver import Driver
 from frenetic.errors import FreneticError
+from frenetic.oracle.assessment import assess
 from frenetic.oracle.drive import Drive, Rules
-from frenetic.oracle.verdict import assess
 from frenetic.plugins.twin.model import TwinModel
 from frenetic.plugins.twin.recorded_drive import RecordedDrive, states_of, thinned
 from frenetic.road import Road

@@ -10,9 +10,10 @@ from typing import Any, Final, Literal, Self, TypeAlias
 from msgspec import structs
 
 from frenetic._support.files import require_list
-from frenetic._support.words import part_word
-from frenetic.drivers.driver import Driver, unwrapped
+from frenetic._support.option_text import part_word
+from frenetic.drivers.driver import Driver
 from frenetic.drivers.loading import load_driver
+from frenetic.drivers.stack import unwrapped
 from frenetic.errors import FreneticError
 from frenetic.oracle.drive import Rules
 from frenetic.parts.construction import options_of

@@ -12,8 +12,8 @@ import numpy as np
 import numpy.typing as npt
 
 from frenetic._support.arrays import FloatArray
+from frenetic.oracle.assessment import Assessment
 from frenetic.oracle.drive import Drive
-from frenetic.oracle.verdict import Assessment
 from frenetic.road import Road
 
 IntArray: TypeAlias = npt.NDArray[np.int64]

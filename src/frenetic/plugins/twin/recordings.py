@@ -23,9 +23,9 @@ from frenetic.analysis.groups import find_campaigns
 from frenetic.campaign.database import DATABASE
 from frenetic.campaign.store import CampaignStore
 from frenetic.errors import FreneticError, RoadError
+from frenetic.oracle.assessment import assess
 from frenetic.oracle.drive import Rules
 from frenetic.oracle.outcome import Outcome
-from frenetic.oracle.verdict import assess
 from frenetic.plugins.twin.recorded_drive import (
     MIN_POSITIONS,
     RecordedDrive,

@@ -17,13 +17,8 @@ from frenetic._support.arrays import FloatArray
 from frenetic._support.bounds import Index, check
 from frenetic.conditions.condition import Condition
 from frenetic.drivers.camera import Scene
-from frenetic.drivers.driver import (
-    Controls,
-    Driver,
-    Observation,
-    OwnWrapper,
-    camera_of,
-)
+from frenetic.drivers.driver import Controls, Driver, Observation
+from frenetic.drivers.stack import OwnWrapper, camera_of
 from frenetic.plugins.vision.conditions import (
     BLUR,
     CONDITIONS,

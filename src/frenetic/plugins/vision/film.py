@@ -19,8 +19,9 @@ from frenetic._support.json_value import JSONValue
 from frenetic.campaign.record import Test
 from frenetic.conditions.condition import SEED
 from frenetic.drivers.camera import Camera, Image
-from frenetic.drivers.driver import Controls, Driver, DriveSetup, Observation, scene_of
+from frenetic.drivers.driver import Controls, Driver, DriveSetup, Observation
 from frenetic.drivers.loading import under
+from frenetic.drivers.stack import scene_of
 from frenetic.oracle.drive import Trajectory
 from frenetic.parts.records import over_each_other
 from frenetic.plugins.vision import appearance

@@ -30,7 +30,8 @@ from frenetic.conditions.condition import as_text
 from frenetic.parts.records import innermost, short_version
 from frenetic.report.html.page import DataBlock, percent
 from frenetic.rerun.estimate import FailureRate
-from frenetic.spec.part_record import PARTS, recorded_part
+from frenetic.spec.part_text import recorded_part
+from frenetic.spec.parts import PARTS
 
 _LATE_SHARE: Final = 0.8
 """Share of the tests after which failures are late; our choice.

@@ -1,4 +1,4 @@
-"""Ids of roads in the texts that users write and in messages."""
+"""Ids of roads, in the texts by which users choose roads and in messages."""
 
 from __future__ import annotations
 
@@ -12,24 +12,28 @@ from xml.etree.ElementTree import Element
 from frenetic.errors import RoadError
 
 _PLAIN_ID: Final = re.compile(r'[^\s,@"]([^,@"]*[^\s,@"])?')
-"""Id that needs no quotes."""
+"""An id that needs no quotes."""
 _ID_IN_LIST: Final = re.compile(r'\s*("(?:[^"\\]|\\.)*"|[^,@"]*)(?:@([^,]*))?\s*(,|$)')
-"""Id, start behind an @, and the comma behind both."""
+"""An id, a start after an @, and the comma after both."""
 _MAX_LETTERS: Final = 80
-"""Longest text that a message shows in full; ours."""
+"""Length of the longest text that a message shows in full; our choice."""
+_END_LETTERS: Final = 20
+"""Number of letters that a message shows of a longer text's end; our choice."""
 QUOTING: Final = "an id with a comma, an @ or a quote stands in double quotes"
 """Rule for quotes, for messages."""
 
 
 def parse_ids(text: str, known: Collection[str]) -> list[tuple[str, str]]:
-    """Return the roads in a text for `RoadMap.stretches`: each id with the text behind its @.
+    """Return the roads in a text for `RoadMap.stretches`: each id with the text after its @.
+
+    Example: ``12@240,13`` gives ``("12", "240")`` and ``("13", "")``.
 
     Args:
-        text: the user's text, such as ``12@240,13``.
-        known: ids of the map's roads. A text that is such an id is one road, whatever its commas.
+        text: the user's text.
+        known: ids of the map's roads. A text that is such an id is one road, even with commas.
 
     Raises:
-        RoadError: a quote has no end, or something stands behind it.
+        RoadError: a quote is not closed, or text follows a closing quote.
     """
     ids = []
     position = 0
@@ -62,12 +66,14 @@ def quoted_id(road_id: str) -> str:
 
 def shortened(text: str) -> str:
     """Return a text for a message, without its middle if it is long."""
-    return text if len(text) <= _MAX_LETTERS else f"{text[: _MAX_LETTERS - 22]}..{text[-20:]}"
+    if len(text) <= _MAX_LETTERS:
+        return text
+    return f"{text[: _MAX_LETTERS - _END_LETTERS - 2]}..{text[-_END_LETTERS:]}"
 
 
 @contextmanager
 def name_in_errors(*roads: Element) -> Iterator[None]:
-    """Put the roads' ids in front of errors that the block raises."""
+    """Put the roads' ids in front of `RoadError` messages that the block raises."""
     try:
         yield
     except RoadError as error:

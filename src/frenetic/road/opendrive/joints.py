@@ -27,22 +27,22 @@ from frenetic.road.opendrive.traced_line import (
     set_distances,
 )
 from frenetic.road.opendrive.xml_elements import number_of
-from frenetic.road.road import MIN_DISTANCE
+from frenetic.road.road_values import MIN_DISTANCE
 
 TURN: Final = math.radians(2.0)
-"""Largest change of heading from the end of a road to the start of the next, in rad; ours."""
+"""Largest change of heading from the end of a road to the start of the next, in rad; our choice."""
 
 
 @dataclass(frozen=True)
 class Joint:
-    """A place where a lane could continue the lane of another road."""
+    """A lane that could continue the lane of another road."""
 
     line: FloatArray
-    """Line (n, 10) of the lane that could continue the other."""
+    """Traced line (n, 10) of the lane."""
     gap: float
-    """Distance from the end of the lane before, in m."""
+    """Distance from the end of the other lane to the start of this lane, in m."""
     turn: float
-    """Change of heading in rad."""
+    """Change of heading from the end of the other lane to the start of this lane, in rad."""
 
     @property
     def is_joined(self) -> bool:
@@ -57,13 +57,13 @@ class Joint:
 
 
 def nearest_lane(road: Element, end: FloatArray) -> Joint | None:
-    """Return the joint of the road's lane that begins nearest to the end of another lane.
+    """Return the lane of a road that could continue a lane best; None if no lane can be read.
 
-    None if no lane of the road can be read.
+    Lanes that are near enough to be joined come first, then the nearest start.
 
     Args:
-        road: the road that could continue the other.
-        end: last row of the other lane's line.
+        road: the road.
+        end: last row of the traced line of the lane to be continued, (10,).
     """
     joints = []
     for lane in entered_lanes(road):
@@ -78,19 +78,27 @@ def nearest_lane(road: Element, end: FloatArray) -> Joint | None:
 
 
 def joint_notes(before: Element, road: Element, joint: Joint | None) -> list[str]:
-    """Return notes about a gap between two roads; empty if they meet, or are not linked."""
+    """Return notes about a gap between two roads; empty if they meet, or if they are not linked.
+
+    Args:
+        before: the first road.
+        road: the road that could continue it.
+        joint: the lane of the second road that continues the first road best, if any.
+    """
     if joint is None:
         return []
-    names = [shortened(quoted_id(element.get("id", ""))) for element in (before, road)]
-    misses = f"road {names[1]} begins {joint.text} off the end of road {names[0]}"
+    first_id, second_id = (
+        shortened(quoted_id(element.get("id", ""))) for element in (before, road)
+    )
+    gap = f"road {second_id} begins {joint.text} off the end of road {first_id}"
     if joint.is_joined:
         is_exact = joint.gap <= TOLERANCE and abs(joint.turn) <= KINK
-        return [] if is_exact else [f"{misses}: joined by a blend over {2.0 * BLEND:g} m"]
+        return [] if is_exact else [f"{gap}: joined by a blend over {2.0 * BLEND:g} m"]
     if not (_is_linked(before, road) or _is_linked(road, before)):
         return []
     limit = f"{100.0 * GAP:g} cm and {math.degrees(TURN):g} degrees"
     return [
-        f"{misses}; the two are linked, but only up to {limit} are joined, so road {names[1]} is"
+        f"{gap}; the two are linked, but only up to {limit} are joined, so road {second_id} is"
         " driven on its own"
     ]
 
@@ -106,10 +114,15 @@ def _is_linked(road: Element, other: Element) -> bool:
 
 
 def join_lines(before: FloatArray, joint: Joint) -> FloatArray:
-    """Return the line (n, 10) of a lane and the lane that continues it, joined by a blend."""
+    """Return the traced line (n, 10) of a lane and the lane that continues it, joined by a blend.
+
+    Args:
+        before: traced line of the lane, (m, 10).
+        joint: the lane that continues it.
+    """
     line, end = joint.line.copy(), before[-1].copy()
+    # Gap and turn are computed again: a blend at the joint before may have moved the end.
     gap = line[0, X:HEADING] - end[X:HEADING]
-    # A blend at the joint before may have moved the end, and the line goes on from there.
     turn = math.remainder(line[0, HEADING] - end[HEADING], math.tau)
     normal = end[HEADING] + 0.5 * turn
     line[:, DISTANCE] += end[DISTANCE]
@@ -118,7 +131,8 @@ def join_lines(before: FloatArray, joint: Joint) -> FloatArray:
     line = np.concatenate([before, line[1:]])
     is_kink = abs(turn) > KINK
     if is_kink:
-        # An arc of BLEND m on either side cuts the corner.
+        # Cut the corner by an arc over BLEND m on either side: move each point by `aside` along the
+        # middle of the two normals.
         p = np.clip(line[:, DISTANCE] - end[DISTANCE], -BLEND, BLEND)
         aside = turn * ((p**2 + BLEND**2) / (4.0 * BLEND) - 0.5 * np.abs(p))
         side = np.where(np.arange(len(line)) < row, 0.5, -0.5)

@@ -1,18 +1,19 @@
 """Reading roads of an OpenDRIVE file.
 
-One lane of a road is read: its width, its slopes, its speed limits, and its edge on the side of the
-road's centre, which becomes the centre line of the returned road. Other lanes, road marks, signals
-and objects are left out.
+One lane of a road is read: its width, its slopes, its speed limits, and its inner edge, which is
+the edge on the side of the road's centre. The inner edge becomes the centre line of the returned
+road. Other lanes, road marks, signals and objects are left out.
 
-A file's geometries have any lengths, and its curvature may jump between them; a road has one step
-and a curvature that is linear in between. So the edge is traced every few centimetres (`lanes`),
-and a road with a sample every half metre or denser follows it (`following`). A road that is more
-than `TOLERANCE` beside the edge is refused.
+In a file, geometries have any lengths, and the curvature may jump between them. A `Road` has one
+step, and its curvature is linear in between. So the edge is traced every few centimetres (`lanes`),
+and a road with a sample every half metre or denser follows it (`following`). If the road is more
+than `TOLERANCE` beside the edge, an error is raised.
 
-The numbers of a file are rounded, so geometries do not quite meet: coordinates of two decimals
-leave gaps of up to 1.4 cm, headings of two decimals lead 30 cm aside after 60 m. Geometries are
-turned by what the rounding of their headings allows (`reference_line`), and gaps are blended over
-`BLEND` m on either side (`traced_line`). Roads that continue each other are joined (`joints`).
+The numbers of a file are rounded, so geometries do not quite meet: coordinates with two decimals
+leave gaps of up to 1.4 cm, and headings with two decimals lead 30 cm to the side after 60 m.
+Therefore geometries are turned by what the rounding of their headings allows (`reference_line`),
+and gaps are blended over `BLEND` m on either side (`traced_line`). Roads that continue each other
+are joined (`joints`).
 """
 
 from __future__ import annotations
@@ -43,7 +44,8 @@ from frenetic.road.opendrive.lanes import (
 from frenetic.road.opendrive.traced_line import DISTANCE
 from frenetic.road.opendrive.writing import PROFILE_CODE, ROAD_CODE, add_road
 from frenetic.road.opendrive.xml_elements import number_of, parse_xml
-from frenetic.road.road import MAX_HEADING, Pose, Road
+from frenetic.road.road import Road
+from frenetic.road.road_values import MAX_HEADING, Pose
 
 _LANE_TAGS: Final = frozenset(
     [
@@ -51,9 +53,11 @@ _LANE_TAGS: Final = frozenset(
         *("laneSection", "laneOffset", "width"),
     ]
 )
-"""Elements that determine where lanes run."""
+"""Tags of the elements that determine where lanes run."""
 _MAX_LISTED: Final = 8
-"""Most roads that a message lists; ours."""
+"""Largest number of roads that a message lists; our choice."""
+_METRES_ROUNDING: Final = 1e-9
+"""Distance in m by which a computed distance may exceed a whole metre or a row; our choice."""
 
 
 @dataclass(frozen=True)
@@ -61,25 +65,26 @@ class Stretch:
     """A stretch of a map: roads that continue each other, as one road."""
 
     ids: tuple[str, ...]
-    """Ids of the roads."""
+    """Ids of the roads, in the direction of travel."""
     start: float
-    """Distance along the first road, or beyond it, at which the stretch begins, in m."""
+    """Distance from the start of the first road at which the stretch begins, in m."""
     road: Road
+    """The stretch, at its place in the map."""
     notes: tuple[str, ...] = ()
-    """Sentences about roads of the stretch that do not quite meet."""
+    """Sentences about roads of the stretch that were joined although they do not quite meet."""
 
     @property
     def name(self) -> str:
-        """Text for `RoadMap.stretches` that returns this stretch."""
-        return self.behind(0.0)
+        """Text by which `RoadMap.stretches` returns this stretch."""
+        return self.rest_name(0.0)
 
-    def behind(self, distance: float) -> str:
-        """Return the text for the rest of the stretch, from the next whole metre on.
+    def rest_name(self, distance: float) -> str:
+        """Return the text by which `RoadMap.stretches` returns the rest of the stretch.
 
         Args:
-            distance: distance along the stretch behind which the rest begins, in m.
+            distance: distance along the stretch, in m; the rest begins at the next whole metre.
         """
-        start = math.ceil(self.start + distance - 1e-9)
+        start = math.ceil(self.start + distance - _METRES_ROUNDING)
         first, *others = map(quoted_id, self.ids)
         return ",".join([f"{first}@{start}" if start else first, *others])
 
@@ -91,7 +96,8 @@ class RoadMap:
         data: the file's content.
 
     Raises:
-        RoadError: the data are no OpenDRIVE 1.x file with a road. No message names the file.
+        RoadError: the data are no OpenDRIVE 1.x file with a road. Messages of this class begin with
+            "it" for the file, so that a caller can put the file's path in front.
     """
 
     def __init__(self, data: bytes) -> None:
@@ -104,7 +110,7 @@ class RoadMap:
             raise RoadError(
                 f"its header says revMajor {major!r:.40}, but only OpenDRIVE 1.x is read"
             )
-        # A list for each id, since a faulty file may give several roads the same id.
+        # By id. A list, since a faulty file may have several roads with the same id.
         self._roads: dict[str, list[Element]] = {}
         for road in root.findall("road"):
             self._roads.setdefault(road.get("id", ""), []).append(road)
@@ -132,13 +138,14 @@ class RoadMap:
 
         A road that `to_opendrive` wrote comes back bit for bit: curvatures, profiles, step, pose
         and lane width. Any other road is at most 1 cm away from the line in the file, its slopes
-        within 0.01 % and its width within 1 mm.
+        have errors of at most 0.01 %, and its width of at most 1 mm.
 
         Args:
             road_id: id of the road; None for the map's only road.
-            lane: id of the lane that becomes the ego lane, where its drive begins. A lane on the
-                left (a positive id) is driven against the road, from its end to its start. None:
-                the driving lane nearest to the centre, on the right if there is one.
+            lane: id of the lane that becomes the ego lane, at the start of the drive. A lane on the
+                left, which has a positive id, is driven in the direction opposite to the road's,
+                from the road's end to its start. None for the driving lane nearest to the centre,
+                on the right if there is one.
 
         Raises:
             RoadError: the map lacks the road or lane, or has several roads with this id, or a
@@ -155,11 +162,11 @@ class RoadMap:
 
         Args:
             roads: ids of roads, separated by commas. A road that starts where the road before ends
-                continues its stretch; any other road begins a new stretch. ``12@240`` begins 240 m
-                along the stretch that road 12 begins. An id with a comma, an @ or a quote stands in
-                double quotes, as in JSON: ``"7,left"@20,8``. The quotes may be left out if the map
-                has no road 7.
-            lane: lane of the first road of each stretch, as for `road`. Another road continues it
+                is joined to it; any other road begins a new stretch. ``12@240`` begins a new
+                stretch with road 12, without its first 240 m. An id with a comma, an @ or a quote
+                is put in double quotes, as in JSON: ``"7,left"@20,8``. The quotes may be left out
+                if the text without quotes would name a road that the map lacks, here 7.
+            lane: lane of the first road of each stretch, as for `road`. A joined road continues it
                 with the lane that begins where the lane before ends, at most 5 cm and 2 degrees
                 off.
 
@@ -173,7 +180,7 @@ class RoadMap:
                 skipped = 0.0
                 if joined.start:
                     skipped = _parse_start(joined.start, joined.line[-1, DISTANCE])
-                row = int(np.searchsorted(joined.line[:, DISTANCE], skipped - 1e-9))
+                row = int(np.searchsorted(joined.line[:, DISTANCE], skipped - _METRES_ROUNDING))
                 line = joined.line[row:].copy()
                 line[:, DISTANCE] -= line[0, DISTANCE]
                 road = road_along(line)
@@ -181,7 +188,7 @@ class RoadMap:
         return stretches
 
     def _joined_roads(self, roads: str, lane: int | None) -> list[_JoinedRoads]:
-        """Return the lines of the stretches in a text for `stretches`, each in its whole length."""
+        """Return the joined roads in a text for `stretches`, each in its whole length."""
         all_joined: list[_JoinedRoads] = []
         element: Element | None = None
         for road_id, start in parse_ids(roads, self._roads):
@@ -194,8 +201,7 @@ class RoadMap:
                     if joint is not None and joint.is_joined:
                         all_joined[-1].append(road_id, joint, notes)
                         continue
-                first = first_lane(element) if lane is None else lane
-                line = lane_line(element, first)
+                line = lane_line(element, first_lane(element) if lane is None else lane)
                 all_joined.append(_JoinedRoads([road_id], start, line, line[-1], notes))
         return all_joined
 
@@ -233,7 +239,7 @@ class RoadMap:
         return road
 
     def _longest_roads(self) -> str:
-        """Return the longest drivable roads in words, for a message."""
+        """Return the ids and lengths of the longest drivable roads, for a message."""
         longest = list(self.lengths.items())[:_MAX_LISTED]
         if not longest:
             return "none has a driving lane outside junctions"
@@ -250,12 +256,20 @@ class _JoinedRoads:
     start: str
     """Text of the distance in m at which the stretch begins; empty for its whole length."""
     line: FloatArray
+    """Traced line of the lane through all roads, (n, 10)."""
     end: FloatArray
-    """Last row of the last road's line before a blend moved it."""
+    """Last row of the last road's line, before a blend moved it."""
     notes: list[str]
+    """Sentences about roads that were joined although they do not quite meet."""
 
     def append(self, road_id: str, joint: Joint, notes: list[str]) -> None:
-        """Continue the roads with another one."""
+        """Continue the roads with another road.
+
+        Args:
+            road_id: id of the road.
+            joint: lane of the road that continues the line.
+            notes: notes about the joint.
+        """
         self.ids.append(road_id)
         self.line = join_lines(self.line, joint)
         self.end = joint.line[-1]
@@ -280,25 +294,27 @@ def _parse_start(text: str, length: float) -> float:
 def _recorded_road(element: Element) -> Road | None:
     """Return the road that `to_opendrive` recorded in the element; None without such a record.
 
-    None, too, if the element's geometry no longer agrees with the record.
+    A record no longer counts if the geometry of the element has been changed: then the road that
+    the record describes, written again, differs from the element.
 
     Raises:
-        RoadError: the road has no lane -1, or it is not for cars.
+        RoadError: the road has no lane -1, or cars do not drive on it.
     """
     if is_level_lane(lane_of(sections_of(element, "right")[0], -1)):
         return None  # `to_opendrive` writes no level lanes
     limits = speed_limits(element, -1)
-    notes = {note.get("code"): note.get("value", "") for note in element.findall("userData")}
+    record = {note.get("code"): note.get("value", "") for note in element.findall("userData")}
     try:
-        step, *curvatures = map(float, notes[ROAD_CODE].split())
-        pairs = {
-            name: [float(value) for value in notes.get(PROFILE_CODE.format(name), "").split()]
+        step, *curvatures = map(float, record[ROAD_CODE].split())
+        numbers = {
+            name: [float(value) for value in record.get(PROFILE_CODE.format(name), "").split()]
             for name in profile.SHAPES
         }
         start, width = (next(element.iter(tag)) for tag in ("geometry", "width"))
         pose = tuple(number_of(start, name, most=MAX_HEADING) for name in ("x", "y", "hdg"))
-        lane_width = pairs["widening"].pop(0) if pairs["widening"] else number_of(width, "a")
-        profiles = {name: np.array(values).reshape(-1, 2) for name, values in pairs.items()}
+        # The width of the lane comes first in the record of its widening, see `add_road`.
+        lane_width = numbers["widening"].pop(0) if numbers["widening"] else number_of(width, "a")
+        profiles = {name: np.array(values).reshape(-1, 2) for name, values in numbers.items()}
         profiles[profile.LIMITS] = limits
         road = Road(curvatures, step, Pose(*pose), lane_width=lane_width, **profiles)
     except (KeyError, StopIteration, ValueError, RoadError):

@@ -1,4 +1,8 @@
-"""Reference line of a road: its geometries, traced and joined."""
+"""Reference line of a road: its geometries, traced and joined.
+
+Coordinates and headings in files are rounded, so geometries do not quite meet. Headings are
+corrected by what their rounding allows, and small gaps are closed.
+"""
 
 from __future__ import annotations
 
@@ -23,21 +27,23 @@ from frenetic.road.opendrive.traced_line import (
     close_gaps,
 )
 from frenetic.road.opendrive.xml_elements import coefficients_of, number_of
-from frenetic.road.road import MAX_CURVATURE, MAX_HEADING, MAX_LENGTH, MIN_DISTANCE
+from frenetic.road.road_values import MAX_CURVATURE, MAX_HEADING, MAX_LENGTH, MIN_DISTANCE
 
 STEP_ASIDE: Final = 2.0 * TOLERANCE
-"""Largest gap sideways between two geometries, in m: its middle is `TOLERANCE` from both ends."""
+"""Largest gap sideways between two geometries, in m: the middle of the gap is `TOLERANCE` from both
+ends."""
 KINK: Final = 0.01
-"""Largest change of heading from the end of a geometry to the start of the next, in rad; ours."""
+"""Largest change of heading from the end of a geometry to the start of the next, in rad; our
+choice."""
 ROUNDED: Final = range(2, 5)
-"""Numbers of decimals of rounded headings: fewer decimals mean exact headings, and with more the
-error does not matter; ours."""
+"""Numbers of decimals for which headings count as rounded; our choice. Headings with fewer decimals
+are exact, and with more decimals the error does not matter."""
 SPACING: Final = 0.1
-"""Largest distance between the points of a traced line, in m; ours."""
+"""Largest distance between the points of a traced line, in m; our choice."""
 
 
 def reference_line(road: Element) -> FloatArray:
-    """Return the points (n, 6) of a road's reference line: the first columns of a traced line.
+    """Return a road's reference line: the first six columns of a traced line, (n, 6).
 
     Raises:
         RoadError: two geometries have too large a gap or kink between them, or a geometry cannot
@@ -57,26 +63,30 @@ def reference_line(road: Element) -> FloatArray:
             headings.append(element.get("hdg", "").strip())
     if not parts:
         raise RoadError("it has no geometry")
-    error = _heading_error(headings)
-    if error:
-        parts = _turned_to_meet(parts, error)
-    line, rows, gaps = _concatenated(parts, KINK + 2.0 * error)
+    heading_error = _heading_error(headings)
+    if heading_error:
+        parts = _turned_to_meet(parts, heading_error)
+    line, rows, gaps = _concatenated(parts, KINK + 2.0 * heading_error)
     return np.column_stack([line, close_gaps(line, rows, gaps)])
 
 
 def _heading_error(headings: Sequence[str]) -> float:
-    """Return the largest error of headings rounded to a few decimals, in rad; otherwise 0."""
+    """Return the largest rounding error of headings, in rad; 0 if they do not count as rounded.
+
+    Args:
+        headings: texts of the headings, in rad.
+    """
     decimals = max(len(heading.partition(".")[2]) for heading in headings)
     return 0.5 * 0.1**decimals if decimals in ROUNDED else 0.0
 
 
 def _turned_to_meet(parts: Sequence[FloatArray], most: float) -> list[FloatArray]:
-    """Return lines (n, 4) turned about their starts, so that each meets the next.
+    """Return lines turned about their starts, so that each ends in the direction of the next start.
 
-    The last line is turned to the heading at which it is reached.
+    The last line is turned to the heading at which the line before ends.
 
     Args:
-        parts: the lines.
+        parts: the lines, (n, 4) each.
         most: largest turn of a line, in rad.
     """
     turned: list[FloatArray] = []
@@ -88,18 +98,22 @@ def _turned_to_meet(parts: Sequence[FloatArray], most: float) -> list[FloatArray
             )
             angle = math.atan2(x * next_y - y * next_x, x * next_x + y * next_y)
         else:
-            reached = turned[-1][-1, HEADING] if turned else part[0, HEADING]
-            angle = math.remainder(reached - part[0, HEADING], math.tau)
+            last_heading = turned[-1][-1, HEADING] if turned else part[0, HEADING]
+            angle = math.remainder(last_heading - part[0, HEADING], math.tau)
         angle = min(max(angle, -most), most)
         c, s = math.cos(angle), math.sin(angle)
         x, y = (part[:, X:HEADING] - part[0, X:HEADING]).T
-        place = part[0, X:HEADING] + np.column_stack([c * x - s * y, s * x + c * y])
-        turned.append(np.column_stack([part[:, DISTANCE], place, part[:, HEADING] + angle]))
+        points = part[0, X:HEADING] + np.column_stack([c * x - s * y, s * x + c * y])
+        turned.append(np.column_stack([part[:, DISTANCE], points, part[:, HEADING] + angle]))
     return turned
 
 
 def _traced(element: Element, length: float) -> FloatArray:
-    """Return points (n, 4) of a geometry.
+    """Return the line (n, 4) of a ``geometry`` element.
+
+    Args:
+        element: the element.
+        length: its length, in m.
 
     Raises:
         RoadError: the geometry is no line, arc, spiral or paramPoly3, or a number is missing.
@@ -109,45 +123,49 @@ def _traced(element: Element, length: float) -> FloatArray:
     shape = next(iter(element), element)
     if shape.tag == "paramPoly3":
         return _polynomial(shape, length, x, y, heading)
-    names = {
+    end_names = {
         "line": (),
         "arc": ("curvature", "curvature"),
         "spiral": ("curvStart", "curvEnd"),
     }.get(shape.tag)
-    if names is None:
+    if end_names is None:
         raise RoadError(
             f"a <geometry> holds {'nothing' if shape is element else shape.tag[:40]}: line, arc,"
             " spiral and paramPoly3 are read"
         )
-    bend = [number_of(shape, name, most=MAX_CURVATURE) for name in names]
-    curvatures = np.array(bend or [0.0, 0.0])
+    ends = [number_of(shape, name, most=MAX_CURVATURE) for name in end_names]
+    curvatures = np.array(ends or [0.0, 0.0])
     pieces = max(geometry.sub_steps(curvatures, length), math.ceil(length / SPACING))
     table = geometry.build_table(curvatures, length, x, y, heading, pieces)
     return np.column_stack([np.linspace(0.0, length, pieces + 1), table[:, :3]])
 
 
 def _polynomial(shape: Element, length: float, x: float, y: float, heading: float) -> FloatArray:
-    """Return points (n, 4) of a ``paramPoly3``: places are cubic polynomials of a parameter.
+    """Return the line (n, 4) of a ``paramPoly3``: cubic polynomials of a parameter.
+
+    Args:
+        shape: the element.
+        length: length of the geometry, in m.
+        x, y, heading: pose of its start, in m, m and rad.
 
     Raises:
-        RoadError: the polynomial has another length than the file says, or a cusp.
+        RoadError: the polynomial has another length than ``length``, or a cusp.
     """
     last = length if shape.get("pRange") == "arcLength" else 1.0
-    u, v = (
-        np.polynomial.Polynomial(coefficients_of(shape, axis)) for axis in "UV"
-    )  # ahead, to the left
+    # In the frame of the start, u points ahead and v to the left.
+    u, v = (np.polynomial.Polynomial(coefficients_of(shape, axis)) for axis in "UV")
     p = np.linspace(0.0, last, max(8, math.ceil(length / SPACING)) + 1)
     middle = 0.5 * (p[1:] + p[:-1])
-    speed, between = (np.hypot(u.deriv()(at), v.deriv()(at)) for at in (p, middle))
-    # Simpson's rule between the parameters.
-    pieces = (speed[1:] + 4.0 * between + speed[:-1]) * np.diff(p) / 6.0
+    # Length of line per parameter, and the distances by Simpson's rule between two parameters.
+    rate, middle_rate = (np.hypot(u.deriv()(at), v.deriv()(at)) for at in (p, middle))
+    pieces = (rate[1:] + 4.0 * middle_rate + rate[:-1]) * np.diff(p) / 6.0
     distance = np.concatenate([[0.0], np.cumsum(pieces)])
     if not abs(float(distance[-1]) - length) <= 0.1 + 0.01 * length:
         raise RoadError(
             f"a polynomial geometry is {distance[-1]:.4g} m long, not {length:g} m as its 'length'"
             " says"
         )
-    if speed.min() < 1e-3 * speed.max():
+    if rate.min() < 1e-3 * rate.max():
         raise RoadError("a polynomial geometry has a cusp, which no road can follow")
     c, s = math.cos(heading), math.sin(heading)
     direction = heading + np.unwrap(np.arctan2(v.deriv()(p), u.deriv()(p)))
@@ -157,17 +175,17 @@ def _polynomial(shape: Element, length: float, x: float, y: float, heading: floa
 def _concatenated(
     parts: Sequence[FloatArray], kink: float
 ) -> tuple[FloatArray, list[int], list[tuple[float, float]]]:
-    """Join lines (n, 4) into one; distances and headings go on.
+    """Return lines joined into one line, whose distances and headings continue.
 
     Args:
-        parts: the lines.
+        parts: the lines, (n, 4) each.
         kink: largest change of heading from a line to the next, in rad.
 
     Returns:
-        The joined line, the row behind each gap, and each gap (x, y) in m.
+        The joined line (n, 4), the row after each gap, and each gap (x, y) in m.
 
     Raises:
-        RoadError: a line does not begin where the line before ends.
+        RoadError: a line begins too far from the end of the line before, or in another direction.
     """
     parts = [parts[0], *(part.copy() for part in parts[1:])]
     row = len(parts[0])

@@ -12,35 +12,38 @@ import numpy as np
 
 from frenetic._support.arrays import FloatArray
 from frenetic.errors import RoadError
-from frenetic.road.road import MAX_COORDINATE
+from frenetic.road.road_values import MAX_COORDINATE
 
 MAX_ELEMENTS: Final = 1_000_000
-"""Most elements of a file; ours: a map of a town has 200,000."""
+"""Most elements of a file; our choice: a map of a town has 200,000."""
 
 
 class _Tree(ElementTree.TreeBuilder):
     """A builder of element trees that refuses harmful content.
 
-    A document type is refused, and with it every entity: those that expand to gigabytes (the
-    "billion laughs"), and those that would be fetched from elsewhere.
+    A document type is refused, and with it every entity: entities that expand to gigabytes (the
+    "billion laughs"), and entities that would be fetched from elsewhere.
     """
 
     elements = 0
+    """Number of elements so far."""
 
     def doctype(self, *_: object) -> None:
+        """Refuse a document type."""
         raise RoadError("it has a document type (DOCTYPE), which no OpenDRIVE file needs")
 
     def start(self, tag: str, attrs: dict[str, str], /) -> Element:
+        """Open an element; its tag loses its namespace."""
         self.elements += 1
         if self.elements > MAX_ELEMENTS:
             raise RoadError(
                 f"it has more than {MAX_ELEMENTS} elements: take the part of the map that you need"
             )
-        return super().start(tag.rpartition("}")[2], attrs)  # any namespace
+        return super().start(tag.rpartition("}")[2], attrs)
 
 
 def parse_xml(data: bytes) -> Element:
-    """Return the root element.
+    """Return the root element of an XML file's content.
 
     Raises:
         RoadError: the data are no well-formed XML, have a document type, or too many elements.
@@ -58,7 +61,13 @@ def parse_xml(data: bytes) -> Element:
 def number_of(
     element: Element, name: str, default: float | None = None, *, most: float = MAX_COORDINATE
 ) -> float:
-    """Return an attribute of an element as a number of at most ``most`` in either direction.
+    """Return an attribute of an element as a number.
+
+    Args:
+        element: the element.
+        name: name of the attribute.
+        default: number for a missing attribute; None if the attribute is needed.
+        most: largest number that is allowed, in either direction.
 
     Raises:
         RoadError: the attribute is missing and there is no default, its text is no number, or the
@@ -87,21 +96,29 @@ def is_true(element: Element, name: str) -> bool:
 
 
 def coefficients_of(element: Element, suffix: str = "") -> list[float]:
-    """Return the coefficients a, b, c, d of a polynomial; missing coefficients are 0."""
+    """Return the coefficients a, b, c, d of an element's cubic polynomial; a missing one is 0.
+
+    Args:
+        element: the element.
+        suffix: end of the attributes' names, such as ``U`` of ``aU``.
+    """
     return [number_of(element, name + suffix, 0.0) for name in "abcd"]
 
 
 def evaluate_cubics(
-    elements: Sequence[Element], name: str, places: FloatArray
+    elements: Sequence[Element], name: str, distances: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Return values (n,) and slopes (n,) of piecewise cubics at places (n,) in m along the road.
+    """Return the values (n,) and slopes (n,) of a piecewise cubic; 0 before its first piece.
 
-    Each element's cubic holds from its attribute ``name`` on, in m; before the first, all is 0.
+    Args:
+        elements: elements with the coefficients of a piece each.
+        name: name of the attribute with the distance in m from which a piece holds.
+        distances: distances along the road, or in another direction, (n,) in m.
     """
     elements = sorted(elements, key=lambda element: number_of(element, name))
     starts = np.array([0.0, *(number_of(element, name) for element in elements)])
     cubics = np.array([[0.0] * 4, *map(coefficients_of, elements)])
-    rows = np.searchsorted(starts[1:], places, side="right")
-    p = places - starts[rows]
+    rows = np.searchsorted(starts[1:], distances, side="right")
+    p = distances - starts[rows]
     a, b, c, d = cubics[rows].T
     return a + p * (b + p * (c + p * d)), b + p * (2.0 * c + p * 3.0 * d)

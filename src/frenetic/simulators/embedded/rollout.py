@@ -12,7 +12,7 @@ from frenetic._support.compiled import njit
 from frenetic.drivers.elastic_band import MEMORY
 from frenetic.drivers.laws import decide
 from frenetic.drivers.wrappers import disturb
-from frenetic.oracle.verdict import RUNNING
+from frenetic.oracle.assessment import RUNNING
 from frenetic.simulators.embedded.single_track import (
     HEADING,
     LATERAL_SPEED,
@@ -142,7 +142,7 @@ def rollout(
         table, ds: the road, see `frenetic.road.geometry`.
         slopes: `Road.slopes`.
         lane_width: m.
-        rules, car: see `frenetic.oracle.verdict.assess_record`.
+        rules, car: see `frenetic.oracle.assessment.assess_record`.
         vehicle: `Vehicle.to_array()`.
         law, parameters, setup: see `frenetic.drivers.laws`.
         rows: Number of points of the driver's view.

@@ -21,21 +21,15 @@ from frenetic._support.entry_points import imported, installed
 from frenetic._support.kernel_cache import VARIABLE
 from frenetic.drivers import Planner
 from frenetic.drivers.camera import RENDERERS, Camera, Image, Renderer, Scene
-from frenetic.drivers.driver import (
-    Controls,
-    Driver,
-    DriveSetup,
-    Observation,
-    camera_of,
-    scene_of,
-    unwrapped,
-)
+from frenetic.drivers.driver import Controls, Driver, DriveSetup, Observation
 from frenetic.drivers.laws import setup_array
+from frenetic.drivers.stack import camera_of, scene_of, unwrapped
 from frenetic.drivers.wrappers import Noisy, compiled_form
 from frenetic.errors import DriverError, Trouble
+from frenetic.oracle.assessment import rules_array
 from frenetic.oracle.drive import Drive, Rules, Trajectory
 from frenetic.oracle.outcome import Outcome
-from frenetic.oracle.verdict import judge, rules_array
+from frenetic.oracle.verdict import judge
 from frenetic.road import Road
 from frenetic.simulators.capabilities import check_road
 from frenetic.simulators.checks import SimulatorCheck
