@@ -21,7 +21,7 @@ from typing import Any, Final
 import numpy as np
 
 from frenetic import Campaign, CampaignStore
-from frenetic._support.words import part_word
+from frenetic._support.option_text import part_word
 from frenetic.analysis import Comparison
 from frenetic.analysis.clusters import cluster_failures
 from frenetic.analysis.comparison import MeasureComparison, PairComparison, compare

@@ -24,8 +24,8 @@ from frenetic.campaign import RoadTester, new_folder
 from frenetic.errors import FreneticError
 from frenetic.export import ExportedRoad, format_of, write_road
 from frenetic.plugins.bench import Bench, Entrant, RunTerms, open_bench
-from frenetic.plugins.twin.calibration import read_recordings
 from frenetic.plugins.twin.profile import TwinProfile
+from frenetic.plugins.twin.recordings import read_recordings
 from frenetic.report import draw_road
 from frenetic.rerun.junit import write_junit
 from frenetic.rerun.rerun import rerun

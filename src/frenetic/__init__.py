@@ -1,10 +1,10 @@
 """Frenetic finds the roads on which an automated driver leaves its lane.
 
-The names below are the whole public interface of the top package. They are imported on use, so
-``import frenetic`` takes no time, and the command line answers Ctrl-C before it imports anything.
+`__all__` lists the public names of the top package. Each is imported when it is used, so ``import
+frenetic`` takes no time, and the command line can answer Ctrl-C before slow imports.
 """
 
-TYPE_CHECKING = False  # importing `typing` takes time
+TYPE_CHECKING = False  # as in `typing`, whose import takes time
 if TYPE_CHECKING:
     from typing import Any
 
@@ -96,7 +96,8 @@ _MODULES = {
 
 
 def __getattr__(name: str) -> "Any":
-    from frenetic._support.lazy_names import import_name  # `import frenetic` imports nothing
+    """Import a public name when it is used first."""
+    from frenetic._support.lazy_names import import_name  # not needed by ``import frenetic``
 
     return import_name(__name__, _MODULES, name)
 
@@ -148,4 +149,5 @@ __all__ = [
 
 
 def __dir__() -> list[str]:
+    """Return all names, also public ones that are not imported yet."""
     return sorted({*globals(), *__all__})

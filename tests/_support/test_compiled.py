@@ -115,7 +115,7 @@ def refuse(self, **others):
     raise {error}("no turn")
 
 FileLock.acquire = refuse
-compiled.PATIENCE = 0.0
+compiled.MAX_WAIT = 0.0
 print(total(np.arange(5)), total(np.arange(5.0)))
 """
 

@@ -20,7 +20,7 @@ from hypothesis import strategies as st
 from frenetic._support.arrays import FloatArray
 from frenetic._support.bounds import Share
 from frenetic._support.messages import (
-    MOST_BYTES,
+    MAX_FOREIGN_BYTES,
     Channel,
     Frame,
     FrameReader,
@@ -63,7 +63,7 @@ def test_nonsense_between_frames_is_refused(nonsense: bytes, frames: list[Frame]
     assert received == frames
 
 
-@pytest.mark.parametrize("length", [MOST_BYTES + 1, 2**32 - 1])
+@pytest.mark.parametrize("length", [MAX_FOREIGN_BYTES + 1, 2**32 - 1])
 def test_a_too_long_frame_is_refused_by_its_header(length: int) -> None:
     with pytest.raises(ProtocolError, match=f"claims {length} bytes"):
         list(FrameReader().feed(b"\xf7Frn" + struct.pack("<BIII", 1, 2, length, 0)))

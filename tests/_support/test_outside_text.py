@@ -9,13 +9,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 from msgspec import Struct
 
+from frenetic._support.option_text import read_part, read_setting
 from frenetic._support.outside_text import (
     MAX_DEPTH,
     BeyondLimitsError,
     read_json,
     read_toml,
 )
-from frenetic._support.words import read_part, read_setting
 
 DEEP = 100_000  # levels
 

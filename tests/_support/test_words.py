@@ -6,7 +6,8 @@ from typing import Any
 
 import pytest
 
-from frenetic._support.words import lane_words, oob_unit, oob_words, part_word, read_part
+from frenetic._support.option_text import part_word, read_part
+from frenetic._support.words import lane_words, oob_unit, oob_words
 
 
 @pytest.mark.parametrize(

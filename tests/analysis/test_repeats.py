@@ -27,7 +27,8 @@ from frenetic.criteria.criterion import criteria_sets
 from frenetic.drivers import Planner
 from frenetic.oracle.drive import Rules
 from frenetic.oracle.outcome import Outcome
-from frenetic.report.html.campaign import Reading, campaign_report
+from frenetic.report.html.campaign import campaign_report
+from frenetic.report.html.reading import Reading
 from frenetic.report.html.timeline import timeline_of
 from frenetic.rerun.rerun import rerun
 from frenetic.search import Candidate, Evaluation, Frenetic, Origin, Strategy

@@ -91,7 +91,7 @@ def test_the_same_command_goes_on_after_ctrl_c(
         answer = frenetic("compare", "night", "--driver", stopping_driver(stop), *FEW)
         assert (answer.code, answer.out) == (130, "")
         left.append(int(answer.err.partition("Interrupted: ")[2].split()[0]))
-        advice = "drives to go; the same command goes on: frenetic compare night --driver"
+        advice = "drives to go; the same command continues: frenetic compare night --driver"
         assert f"{advice} stopping.py:Stopping --fresh 20\n" in answer.err
         assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
     assert left[1] == left[0] - 2

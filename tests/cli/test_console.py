@@ -35,7 +35,7 @@ def test_compiling_is_announced_only_where_it_happens(
             announced.set()
 
     monkeypatch.setattr(console, "ANNOUNCE_AFTER", 0.002)
-    monkeypatch.setattr(console, "LOOK_EVERY", 0.001)
+    monkeypatch.setattr(console, "LOOK_INTERVAL", 0.001)
     monkeypatch.setattr(compiled, "is_compiling", look)
     log = Log(file=io.StringIO())
     with announced_compilation(log):

@@ -16,7 +16,7 @@ from user_modules import own_modules
 
 from frenetic.campaign import CampaignStore, RoadTester
 from frenetic.campaign.stored_spec import signed_spec
-from frenetic.parts.versions import short_version
+from frenetic.parts.records import short_version
 from frenetic.rerun.old_version import as_recorded
 from frenetic.spec import Spec
 

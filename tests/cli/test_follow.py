@@ -130,7 +130,7 @@ def test_news_is_printed_once(
     later = replace(now, news=(*now.news[1:], News("log", level="warning", message="two")))
     states = iter([now, now, later, replace(later, status=Status.GAVE_UP)])
     monkeypatch.setattr(follow, "read_state", lambda folder: next(states))
-    monkeypatch.setattr(follow, "INTERVAL", 0.0)
+    monkeypatch.setattr(follow, "LOOK_INTERVAL", 0.0)
     code, out, _ = call(capsys, str(tmp_path))
     assert code == 1
     news = [line.partition("warning: ")[2] for line in out.splitlines() if "warning:" in line]

@@ -71,7 +71,7 @@ def test_ctrl_c_exits_130_and_the_same_command_goes_on(
     answer = frenetic(*command)
     assert answer.code == (130 if stop < 6 else 0)
     assert "Finishing what runs" in answer.err
-    left = f"Interrupted: {counted(6 - stop, 'drive')} to go; the same command goes on"
+    left = f"Interrupted: {counted(6 - stop, 'drive')} to go; the same command continues"
     assert (left in answer.err) is (stop < 6)
     assert (f"{left}: frenetic {shlex.join(command)}\n" in answer.err) is (stop < 6)
     assert ("up to 2 drives of each" in answer.out) is (stop < 6)

@@ -199,7 +199,7 @@ def test_the_command_advised_after_a_crash_works_once_the_driver_is_mended(
     mended = DRIVERS.replace('raise ValueError("lost")', "return frenetic.Controls(0.0, 0.3)")
     write("mydriver.py", mended)
     edited = frenetic("resume", "c")
-    assert edited.refuses("mydriver.py was edited, and c tests it as it was")
+    assert edited.refuses("mydriver.py was edited after c began: restore it")
     assert edited.err.rstrip().endswith(f"frenetic {advice}")
     answer = frenetic(*shlex.split(advice), "--out", "d")
     assert answer.code == 0
@@ -485,6 +485,6 @@ def test_run_show_and_report_name_the_parts_with_their_options(frenetic: Freneti
     assert f"search     {', '.join(parts)}, seed 1\n" in frenetic("show", "c", "--follow").out
     lead = f"{strategy} searched for roads on which {driver} leaves its lane in {simulator}"
     assert lead in Path("c/report.html").read_text("utf-8")
-    assert f"Going on after 3 tests with {strategy}" in (
+    assert f"Continuing after 3 tests with {strategy}" in (
         frenetic("resume", "c", "--simulations", "1").err
     )

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 from frenetic.campaign import Budget, Campaign, CampaignStore
-from frenetic.export import data_frame, export_campaign, official_format
+from frenetic.export import competition_folder, data_frame, export_campaign
 from frenetic.export.official_format import SimulationRecord
 from frenetic.oracle.outcome import Outcome
 from frenetic.road.validity import check_validity
@@ -137,7 +137,7 @@ def test_a_choice_of_outcomes_changes_the_files_but_not_the_tables(
 def test_sparseness_of_too_many_failures_is_left_empty(
     campaign: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(official_format, "MOST_COMPARED", 2)
+    monkeypatch.setattr(competition_folder, "MOST_COMPARED", 2)
     folder = export_campaign(campaign, "competition", tmp_path / "out", trajectories="none")
     oob = row(folder / "oob_stats.csv")
     assert int(oob["total_oob"]) > 2

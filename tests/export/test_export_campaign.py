@@ -17,11 +17,11 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from frenetic._support.words import printable
+from frenetic._support.printable import printable
 from frenetic.campaign import CampaignStore, Test
 from frenetic.cli import main
 from frenetic.errors import FreneticError
-from frenetic.export import campaigns, data_frame, export_campaign, tables
+from frenetic.export import campaigns, data_frame, export_campaign, table_files, tables
 from frenetic.oracle.outcome import Outcome
 from frenetic.search.records import SourceTest
 
@@ -68,7 +68,7 @@ def exported(
 ) -> tuple[Path, dict[str, Path]]:
     """A campaign with a test that has all optional values, and its exports."""
     if request.param == "batches of seven":
-        monkeypatch.setattr(tables, "TESTS_AT_ONCE", 7)
+        monkeypatch.setattr(table_files, "TESTS_AT_ONCE", 7)
     folder = rewrite_campaign(
         change_fifth(
             conditions={"fog": 60.5},
@@ -235,7 +235,7 @@ def test_a_failed_export_leaves_no_files(
     statement: str,
     text: str,
 ) -> None:
-    monkeypatch.setattr(tables, "TESTS_AT_ONCE", 7)
+    monkeypatch.setattr(table_files, "TESTS_AT_ONCE", 7)
     (tmp_path / "out").mkdir()
     with pytest.raises(FreneticError, match=text) as caught:
         export_campaign(damaged(statement), name, tmp_path / "out" / name)

@@ -21,7 +21,8 @@ from user_modules import own_modules
 
 from frenetic.campaign import CampaignStore
 from frenetic.errors import FreneticError
-from frenetic.parts import trust
+from frenetic.parts import allowed_files, signatures, trust
+from frenetic.parts.named_code import REGISTRIES, Parts, named_code
 from frenetic.parts.trust import CodeClaim
 from frenetic.plugins.twin.profile import TwinProfile
 from frenetic.spec import Spec
@@ -78,7 +79,7 @@ def users_folder(tmp_path_factory: pytest.TempPathFactory, prepare: Callable[...
     (folder / "mine.py").write_text(DRIVER, encoding="utf-8")
     (folder / "near.py").write_text(NEAR, encoding="utf-8")
     with pytest.MonkeyPatch.context() as patch, chdir(folder):
-        patch.setenv(trust.VARIABLE, str(folder / "home"))
+        patch.setenv(signatures.HOME_VARIABLE, str(folder / "home"))
         prepare("run", *SHORT_SEARCH, *OWN_DRIVER, "--out", "c")
     return folder
 
@@ -86,7 +87,7 @@ def users_folder(tmp_path_factory: pytest.TempPathFactory, prepare: Callable[...
 @pytest.fixture
 def user(users_folder: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """The folder of the user, whose commands run in another folder now."""
-    monkeypatch.setenv(trust.VARIABLE, str(users_folder / "home"))
+    monkeypatch.setenv(signatures.HOME_VARIABLE, str(users_folder / "home"))
     return users_folder
 
 
@@ -101,7 +102,7 @@ def received(
     users_folder: Path, tmp_path: Path, mark: Path, monkeypatch: pytest.MonkeyPatch
 ) -> Path:
     """A copy of that campaign for another user, beside code that makes a file; that file."""
-    monkeypatch.setenv(trust.VARIABLE, str(tmp_path / "home"))
+    monkeypatch.setenv(signatures.HOME_VARIABLE, str(tmp_path / "home"))
     copy_with_marks(users_folder, tmp_path, mark)
     return mark
 
@@ -185,7 +186,7 @@ def test_code_whose_folder_is_gone_is_refused_in_one_line(
     copy_with_marks(user, tmp_path, mark)
     write_road()
     gone = user.rename(f"{user}-gone")
-    os.environ[trust.VARIABLE] = str(gone / "home")
+    os.environ[signatures.HOME_VARIABLE] = str(gone / "home")
     try:
         refused = frenetic(*commands()[command])
     finally:
@@ -200,7 +201,7 @@ def test_an_edited_driver_is_refused_by_resume_with_the_next_command(
     try:
         (user / "near.py").write_text("GAIN = 3.4\n", encoding="utf-8")
         refused = frenetic("resume", str(user / "c"), "--simulations", "1")
-        words = f"near.py was edited, and {user}/c tests it as it was"
+        words = f"near.py was edited after {user}/c began: restore it"
         assert refused.refuses(words, f"frenetic run {user}/c/campaign.toml --from {user}/c")
         assert frenetic("drive", failing_road(user / "c")).code in (0, 1), (
             "the signature still holds"
@@ -220,11 +221,11 @@ def test_a_campaign_from_python_is_signed(tmp_path: Path, user: Path) -> None:
         signature: Any = store.fact("signature")
         sources = store.fact("sources")
         assert "signature" not in store.facts
-        assert trust.is_signed(signature, part("driver", "mine.py:Mine"), user, sources)
+        assert signatures.is_signed(signature, part("driver", "mine.py:Mine"), user, sources)
         assert "signed" not in json.dumps(dict(store.config))
     read = Spec.read(tmp_path / "c" / "campaign.toml")
     assert read.signed is not None
-    assert read.require_trusted("c") == user
+    assert trust.require_trusted("c", read.code_claim()) == user
     assert Spec.of(read).signed is None, "a merged spec is not signed"
 
 
@@ -339,7 +340,7 @@ def test_a_strangers_scheduler_is_refused_until_it_is_named(
     frenetic: Frenetic, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Dask loads code that the scheduler sends."""
-    monkeypatch.setenv(trust.VARIABLE, str(tmp_path / "home"))
+    monkeypatch.setenv(signatures.HOME_VARIABLE, str(tmp_path / "home"))
     Path("own.toml").write_text("workers = 'tcp://127.0.0.1:1'\nsimulations = 3\n")
     refusal = frenetic("run", "own.toml")
     assert refusal.refuses("names the workers 'tcp://127.0.0.1:1'", "--workers tcp://127.0.0.1:1")
@@ -408,7 +409,7 @@ def test_a_recorded_source_that_somebody_changed_is_refused(
 def test_a_strangers_bench_is_refused_until_it_is_named_or_trusted(
     frenetic: Frenetic, tmp_path: Path, mark: Path, option: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setenv(trust.VARIABLE, str(tmp_path / "home"))
+    monkeypatch.setenv(signatures.HOME_VARIABLE, str(tmp_path / "home"))
     folder = tmp_path / "theirs"
     write_marking(folder / "gen.py", mark, "class Gen: pass\n")
     value = sys.executable if option == "python" else str(folder)
@@ -462,7 +463,7 @@ def test_the_users_bench_goes_on_until_somebody_edits_a_part(
 def test_a_package_called_model_is_not_loaded_for_a_file_of_data(
     frenetic: Frenetic, tmp_path: Path, mark: Path, source: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setenv(trust.VARIABLE, str(tmp_path / "home"))
+    monkeypatch.setenv(signatures.HOME_VARIABLE, str(tmp_path / "home"))
     write_marking(tmp_path / "model" / "onnx.py", mark, "class Own: pass\n")
     (tmp_path / "model" / "__init__.py").touch()
     Path("model.onnx").touch()
@@ -533,18 +534,18 @@ def test_runs_are_not_signed_if_the_users_folder_cannot_be_written(
     frenetic: Frenetic, user: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     (tmp_path / "home").touch()
-    monkeypatch.setenv(trust.VARIABLE, str(tmp_path / "home"))
+    monkeypatch.setenv(signatures.HOME_VARIABLE, str(tmp_path / "home"))
     for file in ("mine.py", "near.py"):
         shutil.copy(user / file, tmp_path)
     answer = frenetic("run", *SHORT_SEARCH, *OWN_DRIVER, "--out", "c")
     assert answer.code == 0
-    assert answer.err.count(trust.VARIABLE) == 1
+    assert answer.err.count(signatures.HOME_VARIABLE) == 1
     assert "signed" not in Path("c/campaign.toml").read_text(encoding="utf-8")
     assert frenetic("rerun", "c", "--top", "1").refuses("have not trusted")
     for options in (OWN_DRIVER, ("--trust",)):
         assert frenetic("rerun", "c", "--top", "1", *options).code in (0, 1)
     built_in = frenetic("run", *SHORT_SEARCH, "--out", "d")
-    assert trust.VARIABLE not in built_in.err, "built-in parts need no signature"
+    assert signatures.HOME_VARIABLE not in built_in.err, "built-in parts need no signature"
 
 
 def test_a_profile_is_signed_and_loaded_from_its_folder_only(
@@ -569,19 +570,19 @@ def test_a_profile_is_signed_and_loaded_from_its_folder_only(
 @pytest.fixture
 def home(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """The folder for the key of a user who has run nothing yet."""
-    monkeypatch.setenv(trust.VARIABLE, str(tmp_path / "home"))
+    monkeypatch.setenv(signatures.HOME_VARIABLE, str(tmp_path / "home"))
     monkeypatch.chdir(tmp_path)
     return tmp_path / "home"
 
 
 # Signatures, the list of allowed files, and what counts as code
 
-CODE: Final[trust.Parts] = {"driver": ("theirs.py:Theirs", {"gain": 2.0})}
+CODE: Final[Parts] = {"driver": ("theirs.py:Theirs", {"gain": 2.0})}
 CLAIM: Final = CodeClaim(CODE)
 SOURCES: Final = {"theirs.py": "import near", "near.py": "GAIN = 1"}
 
 
-def part(kind: str, name: str, **options: object) -> trust.Parts:
+def part(kind: str, name: str, **options: object) -> Parts:
     """A mapping with one part and its options."""
     return {kind: (name, options)}
 
@@ -601,10 +602,10 @@ def part(kind: str, name: str, **options: object) -> trust.Parts:
         {"strategy 1": ("random", {}), "strategy 2": ("frenetic", {"likely": True})},
     ],
 )
-def test_built_in_and_installed_parts_with_plain_options_name_no_code(parts: trust.Parts) -> None:
-    assert trust.named_code(parts) == {}
+def test_built_in_and_installed_parts_with_plain_options_name_no_code(parts: Parts) -> None:
+    assert named_code(parts) == {}
     assert trust.require_trusted("c", CodeClaim(parts)) == Path.cwd()
-    assert trust.sign(trust.named_code(parts), ".") == ""
+    assert signatures.sign(named_code(parts), ".") == ""
 
 
 @pytest.mark.parametrize(
@@ -617,7 +618,7 @@ def test_built_in_and_installed_parts_with_plain_options_name_no_code(parts: tru
 @pytest.mark.parametrize("kind", ["driver", "simulator", "strategy", "objective", "generator 3"])
 def test_any_other_part_names_code_with_all_its_options(kind: str, name: str) -> None:
     parts = part(kind, name, gain=2, mode="fast")
-    assert trust.named_code(parts) == parts
+    assert named_code(parts) == parts
 
 
 @pytest.mark.parametrize(
@@ -638,24 +639,24 @@ def test_any_other_part_names_code_with_all_its_options(kind: str, name: str) ->
 def test_an_option_that_names_a_program_or_a_file_names_code(
     kind: str, name: str, options: Mapping[str, object]
 ) -> None:
-    code = trust.named_code(part(kind, name, **options, speed=3, mode="fast"))
+    code = named_code(part(kind, name, **options, speed=3, mode="fast"))
     expected = options if kind != "generator" else {**options, "speed": 3, "mode": "fast"}
     assert code == {kind: (name, expected)}
 
 
 def arguments(**changes: object) -> dict[str, Any]:
-    """Arguments of `trust.sign` and `trust.is_signed`, with changes."""
+    """Arguments of `signatures.sign` and `signatures.is_signed`, with changes."""
     return {"code": CODE, "folder": "here", "sources": SOURCES, **changes}
 
 
 @pytest.mark.usefixtures("home")
 def test_a_signature_covers_code_folder_and_sources() -> None:
-    signature = trust.sign(**arguments())
+    signature = signatures.sign(**arguments())
     assert signature
-    assert trust.is_signed(signature, **arguments())
-    assert trust.is_signed(signature, **arguments(folder=Path("here").absolute()))
+    assert signatures.is_signed(signature, **arguments())
+    assert signatures.is_signed(signature, **arguments(folder=Path("here").absolute()))
     read: Any = json.loads(json.dumps(arguments()))
-    assert trust.is_signed(signature, **read), "also after a round trip through JSON"
+    assert signatures.is_signed(signature, **read), "also after a round trip through JSON"
     for changes in (
         {"code": part("driver", "theirs.py:run", gain=2.0)},
         {"code": part("driver", "theirs.py:Theirs", gain=2.0, args=["rm"])},
@@ -669,18 +670,18 @@ def test_a_signature_covers_code_folder_and_sources() -> None:
         {"sources": None},
         {"sources": ["near.py"]},
     ):
-        assert not trust.is_signed(signature, **arguments(**changes)), changes
+        assert not signatures.is_signed(signature, **arguments(**changes)), changes
     for other in (None, 7, "", "é", "\ud800", signature.upper(), signature[:-1], [signature]):
-        assert not trust.is_signed(other, **arguments()), other
+        assert not signatures.is_signed(other, **arguments()), other
 
 
 def test_another_user_has_another_key(home: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    signature = trust.sign(**arguments())
-    monkeypatch.setenv(trust.VARIABLE, f"{home} of another")
-    assert not trust.is_signed(signature, **arguments())
+    signature = signatures.sign(**arguments())
+    monkeypatch.setenv(signatures.HOME_VARIABLE, f"{home} of another")
+    assert not signatures.is_signed(signature, **arguments())
     assert not Path(f"{home} of another").exists(), "is_signed makes no key"
-    assert trust.sign(**arguments()) != signature
-    assert not trust.is_signed(signature, **arguments())
+    assert signatures.sign(**arguments()) != signature
+    assert not signatures.is_signed(signature, **arguments())
 
 
 def test_a_signature_ends_when_its_link_leads_to_another_folder(tmp_path: Path, home: Path) -> None:
@@ -689,11 +690,11 @@ def test_a_signature_ends_when_its_link_leads_to_another_folder(tmp_path: Path, 
         Path(name).mkdir()
     link = tmp_path / "link"
     link.symlink_to(tmp_path / "mine")
-    signature = trust.sign(**arguments(folder=link))
-    assert trust.is_signed(signature, **arguments(folder=link))
+    signature = signatures.sign(**arguments(folder=link))
+    assert signatures.is_signed(signature, **arguments(folder=link))
     link.unlink()
     link.symlink_to(tmp_path / "theirs")
-    assert not trust.is_signed(signature, **arguments(folder=link))
+    assert not signatures.is_signed(signature, **arguments(folder=link))
 
 
 @pytest.mark.skipif(os.name != "posix", reason="Windows has no such modes")
@@ -705,8 +706,8 @@ def test_the_key_is_readable_by_its_user_alone(
     try:
         if not has_links:
             monkeypatch.setattr(os, "link", refuse)
-        assert trust.sign(**arguments())
-        trust.allow("run.toml", CODE)
+        assert signatures.sign(**arguments())
+        allowed_files.allow("run.toml", CODE)
     finally:
         os.umask(before)
     assert sorted(file.name for file in home.iterdir()) == ["allowed", "key"]
@@ -722,7 +723,7 @@ def refuse(*_: object) -> None:
 def test_the_second_process_uses_the_key_of_the_first(
     home: Path, has_links: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    signatures = []
+    results = []
     with monkeypatch.context() as patch:
         if not has_links:
             patch.setattr(os, "link", refuse)
@@ -731,19 +732,19 @@ def test_the_second_process_uses_the_key_of_the_first(
         def token(size: int) -> str:
             """Another process makes the key at the last moment."""
             patch.setattr(secrets, "token_hex", random)
-            signatures.append(trust.sign(**arguments()))
+            results.append(signatures.sign(**arguments()))
             return random(size)
 
         patch.setattr(secrets, "token_hex", token)
-        signatures.append(trust.sign(**arguments()))
-    assert signatures == [trust.sign(**arguments())] * 2
+        results.append(signatures.sign(**arguments()))
+    assert results == [signatures.sign(**arguments())] * 2
     assert [file.name for file in home.iterdir()] == ["key"]
 
 
 def test_processes_that_start_together_share_one_key(home: Path) -> None:
     code = (
-        "import sys; from frenetic.parts import trust; print(trust.user_folder());"
-        " sys.stdin.read(); print(trust.sign({'driver': ('own.py:Own', {})}, '.'))"
+        "import sys; from frenetic.parts import signatures; print(signatures.user_folder());"
+        " sys.stdin.read(); print(signatures.sign({'driver': ('own.py:Own', {})}, '.'))"
     )
     pipes: Any = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "text": True}
     processes = [subprocess.Popen([sys.executable, "-c", code], **pipes) for _ in range(3)]
@@ -752,7 +753,7 @@ def test_processes_that_start_together_share_one_key(home: Path) -> None:
         process.stdout.readline()  # it has imported frenetic
     with ThreadPoolExecutor() as threads:
         lines = {out for out, _ in threads.map(subprocess.Popen.communicate, processes)}
-    assert lines == {f"{trust.sign({'driver': ('own.py:Own', {})}, '.')}\n"}
+    assert lines == {f"{signatures.sign({'driver': ('own.py:Own', {})}, '.')}\n"}
     assert [file.name for file in home.iterdir()] == ["key"]
 
 
@@ -763,15 +764,17 @@ def test_without_a_key_nothing_is_signed_and_one_line_says_what_to_do(
     if damage == "a file":
         home.touch()
     elif damage == "no home":
-        monkeypatch.setattr(trust, "user_folder", lambda: Path("~nobody-of-this-name").expanduser())
+        monkeypatch.setattr(
+            signatures, "user_folder", lambda: Path("~nobody-of-this-name").expanduser()
+        )
     else:
         home.mkdir()
         text = {"garbage": b"\xff\x00", "too short": b"00" * 31}.get(damage)
         (home / "key").mkdir() if text is None else (home / "key").write_bytes(text)
-    assert trust.sign(**arguments()) is None
-    assert not trust.is_signed("00" * 32, **arguments())
-    assert trust.VARIABLE in trust.unsigned_text()
-    assert "\n" not in trust.unsigned_text()
+    assert signatures.sign(**arguments()) is None
+    assert not signatures.is_signed("00" * 32, **arguments())
+    assert signatures.HOME_VARIABLE in signatures.unsigned_text()
+    assert "\n" not in signatures.unsigned_text()
     with pytest.raises(FreneticError, match="code that you have not trusted"):
         trust.require_trusted("c", CLAIM)
     assert trust.require_trusted("c", CLAIM, is_trusted=True) == Path.cwd()
@@ -780,42 +783,42 @@ def test_without_a_key_nothing_is_signed_and_one_line_says_what_to_do(
 @pytest.mark.usefixtures("home")
 def test_an_allowed_file_is_no_longer_allowed_after_a_part_changes() -> None:
     Path("there").mkdir()
-    assert not trust.is_allowed("run.toml", CODE)
-    assert trust.allow("run.toml", CODE)
-    assert trust.is_allowed(Path("run.toml").absolute(), CODE)
+    assert not allowed_files.is_allowed("run.toml", CODE)
+    assert allowed_files.allow("run.toml", CODE)
+    assert allowed_files.is_allowed(Path("run.toml").absolute(), CODE)
     for other in (
         {"path": "other.toml"},
         {"code": part("driver", "theirs.py:run", gain=2.0)},
         {"code": part("driver", "theirs.py:Theirs", gain=3.0)},
         {"folder": "there"},
     ):
-        assert not trust.is_allowed(**{"path": "run.toml", "code": CODE, **other})  # type: ignore[arg-type]
+        assert not allowed_files.is_allowed(**{"path": "run.toml", "code": CODE, **other})  # type: ignore[arg-type]
 
 
 def test_the_list_of_allowed_files_survives_garbage_and_half_entries(home: Path) -> None:
     home.mkdir()
     (home / "allowed").write_bytes(b"\xff\n" + b"0" * 63)
-    assert trust.allow("run.toml", CODE)
+    assert allowed_files.allow("run.toml", CODE)
     with (home / "allowed").open("ab") as file:
         file.write(b"\n" + b"0" * 12)  # half an entry
-    assert trust.allow("other.toml", CODE)
+    assert allowed_files.allow("other.toml", CODE)
     with (home / "allowed").open("ab") as file:
         file.write(b"\x00\xff" * 2**17)
     for name in ("run.toml", "other.toml"):
-        assert trust.is_allowed(name, CODE)
+        assert allowed_files.is_allowed(name, CODE)
     size = (home / "allowed").stat().st_size
-    assert trust.allow("run.toml", CODE)
+    assert allowed_files.allow("run.toml", CODE)
     assert (home / "allowed").stat().st_size == size, "each file is listed once"
 
 
 def test_the_list_keeps_only_the_last_allowed_files(
     home: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(trust, "_MOST_LISTED", 10)
+    monkeypatch.setattr(allowed_files, "_MAX_LINES", 10)
     names = [f"{number}{'é' * 100}.toml" for number in range(38)]
     for name in names:
-        assert trust.allow(name, CODE)
-    listed = [name for name in names if trust.is_allowed(name, CODE)]
+        assert allowed_files.allow(name, CODE)
+    listed = [name for name in names if allowed_files.is_allowed(name, CODE)]
     assert listed == names[-len(listed) :]
     assert 5 <= len(listed) <= 10
     assert (home / "allowed").stat().st_size < 10 * 400
@@ -825,14 +828,14 @@ def test_files_that_are_allowed_at_once_are_all_listed(home: Path) -> None:
     del home
     names = [f"{number}.toml" for number in range(40)]
     with ThreadPoolExecutor(8) as threads:
-        assert all(threads.map(lambda name: trust.allow(name, CODE), names))
-    assert all(trust.is_allowed(name, CODE) for name in names)
+        assert all(threads.map(lambda name: allowed_files.allow(name, CODE), names))
+    assert all(allowed_files.is_allowed(name, CODE) for name in names)
 
 
 @pytest.mark.usefixtures("home")
 def test_signed_code_is_loaded_from_the_folder_of_the_signature_only(tmp_path: Path) -> None:
     parts = {**CODE, **part("strategy", "frenetic", likely=True)}
-    signed = arguments(signature=trust.sign(**arguments(code=trust.named_code(parts))))
+    signed = arguments(signature=signatures.sign(**arguments(code=named_code(parts))))
     del signed["code"]
     with pytest.raises(FreneticError, match=r"code that was in here, which is no folder now"):
         trust.require_trusted("c", CodeClaim(parts, **signed))
@@ -884,10 +887,10 @@ def test_signed_code_is_loaded_from_the_folder_of_the_signature_only(tmp_path: P
 )
 @pytest.mark.usefixtures("home")
 def test_the_refusal_names_the_code_and_the_options_that_allow_it(
-    parts: trust.Parts, named: trust.Parts, words: str
+    parts: Parts, named: Parts, words: str
 ) -> None:
     """An option that would come from the file has to be named as well."""
-    kinds = [*trust.REGISTRIES, "generator"]
+    kinds = [*REGISTRIES, "generator"]
     with pytest.raises(FreneticError) as refused:
         trust.require_trusted("c", CodeClaim(parts), named=named, needed=parts, optional=kinds)
     text = str(refused.value)
@@ -919,7 +922,7 @@ def test_a_toml_file_is_trusted_once_its_part_was_named_or_trusted() -> None:
     assert is_refused(named=part("driver", "theirs.py:Theirs"), needed=CODE)
     assert not is_refused(named=CODE)
     assert not is_refused()
-    home = trust.user_folder()
+    home = signatures.user_folder()
     shutil.rmtree(home)
     assert is_refused()
     assert not is_refused(is_trusted=True)
@@ -932,6 +935,6 @@ def test_a_toml_file_is_trusted_once_its_part_was_named_or_trusted() -> None:
 def test_a_signature_stays_valid_after_an_edit_of_the_code() -> None:
     """A digest of a file would not cover its imports; the folder belongs to the user."""
     Path("here").mkdir()
-    signature = trust.sign(**arguments())
+    signature = signatures.sign(**arguments())
     Path("here", "theirs.py").write_text("GAIN = 3")
-    assert trust.is_signed(signature, **arguments())
+    assert signatures.is_signed(signature, **arguments())

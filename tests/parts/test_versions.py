@@ -16,8 +16,10 @@ from user_modules import own_modules
 
 from frenetic.drivers import Planner
 from frenetic.drivers.loading import load_driver
-from frenetic.parts.registry import DRIVERS, arguments_of
-from frenetic.parts.versions import differences, short_version, sources_named, version_of
+from frenetic.parts.construction import arguments_of
+from frenetic.parts.records import differences, short_version
+from frenetic.parts.registry import DRIVERS
+from frenetic.parts.versions import sources_named, version_of
 from frenetic.search import Frenetic
 from frenetic.simulators import EmbeddedSimulator, Rules
 from frenetic.spec.part_record import describe, sources_of

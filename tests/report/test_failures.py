@@ -12,7 +12,7 @@ import pytest
 from frenetic.analysis.clusters import distinct_failures, representative_failures
 from frenetic.campaign import Budget, Campaign, CampaignStore
 from frenetic.campaign.counts import Counts
-from frenetic.cli.console import print_failures
+from frenetic.cli.failure_tables import print_failures
 from frenetic.errors import CampaignError
 from frenetic.oracle.outcome import Outcome
 from frenetic.report.failures import road_document, write_failures

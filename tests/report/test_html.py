@@ -45,7 +45,8 @@ from frenetic.report.html import (
     render,
     write_report,
 )
-from frenetic.report.html.campaign import Reading, configuration
+from frenetic.report.html.configuration import configuration_section
+from frenetic.report.html.reading import Reading
 from frenetic.report.html.tests import COLUMNS, TestSummary, drive_columns
 from frenetic.report.html.timeline import POINTS, timeline_of
 from frenetic.rerun.rerun import rerun
@@ -479,7 +480,7 @@ def test_the_page_says_whether_a_campaign_can_be_repeated(
 ) -> None:
     with CampaignStore.open(searched) as store:
         config = {**store.config, **changes}
-    (paragraph, *_) = configuration(searched, config, {}).blocks
+    (paragraph, *_) = configuration_section(searched, config, {}).blocks
     assert isinstance(paragraph, Paragraph)
     assert sentence in paragraph.text
 

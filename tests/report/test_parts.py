@@ -9,7 +9,8 @@ import pytest
 from frenetic.drivers import Delayed, LimitedView, Planner
 from frenetic.search import RandomSearch
 from frenetic.simulators import EmbeddedSimulator
-from frenetic.spec.part_record import describe, part_text, recorded_part
+from frenetic.spec.part_record import describe
+from frenetic.spec.part_text import part_text, recorded_part
 
 DRY, SLIPPERY = (describe(EmbeddedSimulator(friction=value)) for value in (1.0, 0.8))
 NETWORK = {"class": "frenetic.plugins.vision.neural:Network"}

@@ -21,9 +21,9 @@ from frenetic.oracle.drive import CarBody, Drive, Rules, Trajectory
 from frenetic.oracle.outcome import Outcome
 from frenetic.oracle.verdict import judge
 from frenetic.report import draw_drive, draw_gallery, draw_road
+from frenetic.report.judged_drive import judge_drive
 from frenetic.report.orientation import edges_of
 from frenetic.report.picture import draw_test
-from frenetic.report.scene import look
 from frenetic.road import Pose, Road
 
 RATE = 20.0  # records per s
@@ -323,8 +323,8 @@ def test_a_test_is_drawn_with_the_verdict_of_its_campaign(tmp_path: Path) -> Non
     shorter = Trajectory.from_rows(test.trajectory.to_rows()[:-1])
     test = replace(test, trajectory=shorter)
     assert test.drive is not None
-    assert look(test.road, test.drive).result.outcome is Outcome.ERROR
-    assert look(test.road, test).result == test.result
+    assert judge_drive(test.road, test.drive).result.outcome is Outcome.ERROR
+    assert judge_drive(test.road, test).result == test.result
     draw_test(test, tmp_path / "a.svg", "Test 1")
     draw_gallery([("Test 1", test.road, test)], tmp_path / "b.svg")
     assert any(text.startswith("departure to the") for text in svg_texts(tmp_path / "a.svg"))

@@ -245,7 +245,7 @@ def test_a_strategy_of_ten_lines_keeps_the_contract(strategy: Callable[[int], St
         (_CountsFromZero, "test_ids_count_from_one_in_the_order_of_asking"),
         (_BelievesAnything, "test_telling_twice_is_refused_and_changes_nothing"),
         (_BelievesAnything, "test_an_unknown_candidate_is_refused_and_changes_nothing"),
-        (_ChokesOnErrors, "test_it_goes_on_when_all_outcomes_are_alike"),
+        (_ChokesOnErrors, "test_it_continues_when_all_outcomes_are_alike"),
         (_Writeable, "test_curvatures_belong_to_one_candidate_and_stay_as_they_are"),
         (_OneArrayForAll, "test_curvatures_belong_to_one_candidate_and_stay_as_they_are"),
         (_SharedGenerator, "test_two_strategies_do_not_disturb_each_other"),

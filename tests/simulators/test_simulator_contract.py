@@ -134,7 +134,7 @@ MUTANTS: dict[str, tuple[tuple[tuple[str, str], ...], Mapping[str, str]]] = {
     "speed is recorded in km/h": (
         ((MOTION, MOTION.replace("speed", "3.6 * speed")),),
         {
-            "places_change_as_speed_and_heading_say": r"differs by up to \d\.\d+ m from what",
+            "positions_change_as_speed_and_heading_say": r"differs by up to \d\.\d+ m from what",
             "driver_sees_its_car_on_the_road": r"the driver sees speed = .*, but by the record",
         },
     ),

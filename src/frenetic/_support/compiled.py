@@ -1,4 +1,4 @@
-"""The decorator of all kernels, which numba compiles and keeps on disk.
+"""The decorator of all kernels: numba compiles them and keeps the result on disk.
 
 Processes take turns at the kernels of a module. Numba keeps an index, from the types of a kernel's
 arguments to the numbers of its compiled forms, beside these forms. Two processes that compile a
@@ -28,11 +28,11 @@ from frenetic._support.kernel_cache import ensure_kernel_cache
 ensure_kernel_cache()
 numba.config.reload_config()  # numba reads the folder's variable when it is imported
 
-PATIENCE: Final = 60.0
-"""Longest wait of a process for its turn, in s; ours. A module takes some seconds: a process that
-takes longer has been stopped, and the others stop waiting for it."""
-
-_PAUSE: Final = 0.002  # [s] between two looks at a lock; ours
+MAX_WAIT: Final = 60.0
+"""Longest wait of a process for its turn, in s (our choice). The kernels of a module take some
+seconds: a process that takes longer has been stopped, and the others stop waiting for it."""
+_POLL_INTERVAL: Final = 0.002
+"""Time between two attempts to take a lock, in s (our choice)."""
 
 _Kernel = TypeVar("_Kernel", bound=Callable[..., Any])
 
@@ -44,8 +44,12 @@ def njit(
 ) -> Callable[[_Kernel], _Kernel]:
     """Return Numba's decorator ``njit``, with its cache on disk.
 
-    Kernels are called from Python and by each other, never as C functions: that entry takes its
-    share of compiling.
+    No entry for C functions is compiled, which would take time: kernels are called from Python and
+    by each other only.
+
+    Args:
+        error_model: whether a division by 0 raises ("python") or gives infinity ("numpy").
+        inline: whether the kernel is copied into the kernels that call it.
     """
 
     def compile_lazily(kernel: _Kernel) -> _Kernel:
@@ -56,7 +60,7 @@ def njit(
             compile_now = dispatcher.compile
 
             def compile_in_turn(signature: Any) -> Any:
-                with global_compiler_lock, _turns.turn(dispatcher):
+                with global_compiler_lock, _TURNS.turn(dispatcher):
                     return compile_now(signature)
 
             dispatcher.compile = compile_in_turn
@@ -73,44 +77,49 @@ def cache_folder(kernel: Callable[..., Any]) -> Path | None:
 
 
 class _Turns:
-    """Locks of modules whose kernels this process compiles, one thread at a time."""
+    """The turns of this process at compiling, by a lock for each module with kernels.
+
+    Only one thread uses it at a time.
+    """
 
     def __init__(self) -> None:
         self.is_waiting = False
-        """Whether this process waits for another one that compiles."""
-        self._are_locked = True
+        """Whether this process waits for another process that compiles."""
+        self._uses_locks = True
+        """Whether locks can be taken; False for good once that failed."""
 
     @contextmanager
     def turn(self, kernel: Any) -> Iterator[None]:
-        """Wait for this process's turn at the kernel's module, and hold the lock meanwhile."""
+        """Wait for this process's turn at the kernel's module, and hold its lock in the context."""
         module = kernel.py_func.__module__
         lock = _lock(Path(kernel.stats.cache_path) / f"{module}.lock", os.getpid())
-        is_held = self._are_locked and self._acquire(lock)
+        has_lock = self._uses_locks and self._acquire(lock)
         try:
             yield
         finally:
-            if is_held:
+            if has_lock:
                 lock.release()
 
     def _acquire(self, lock: FileLock) -> bool:
+        """Take a lock, or go without locks from now on; return whether it was taken."""
         try:
             lock.acquire(timeout=0)
         except Timeout:
             self.is_waiting = True
             try:
-                lock.acquire(timeout=PATIENCE, poll_interval=_PAUSE)
+                lock.acquire(timeout=MAX_WAIT, poll_interval=_POLL_INTERVAL)
             except Timeout:
-                self._are_locked = False  # nobody waits twice
+                self._uses_locks = False  # it does not wait that long a second time
             finally:
                 self.is_waiting = False
-        except OSError:  # nobody can write or lock files there
-            self._are_locked = False
-        return self._are_locked
+        except OSError:  # the folder cannot be written, or its files not be locked
+            self._uses_locks = False
+        return self._uses_locks
 
 
 @cache
 def _lock(path: Path, _process: int) -> FileLock:
-    """Return the lock in a file, a new one for each process: a fork cannot use its parent's."""
+    """Return the lock in a file, a new object in each process, since forks share none."""
     return FileLock(path, thread_local=False)
 
 
@@ -118,21 +127,23 @@ class Compilation(event.Listener):  # type: ignore[misc]
     """A count of the kernels that are being compiled; kernels read from disk do not count."""
 
     def __init__(self) -> None:
-        self.under_way = 0
+        self.kernels = 0
+        """Number of kernels that are being compiled now."""
 
     def on_start(self, _: event.Event) -> None:
         """Count a kernel whose compilation starts."""
-        self.under_way += 1
+        self.kernels += 1
 
     def on_end(self, _: event.Event) -> None:
-        """Count a kernel whose compilation ends."""
-        self.under_way -= 1
+        """Stop counting a kernel whose compilation ends."""
+        self.kernels -= 1
 
 
-_turns, _COMPILATION = _Turns(), Compilation()
+_TURNS: Final = _Turns()
+_COMPILATION: Final = Compilation()
 event.register("numba:compile", _COMPILATION)
 
 
 def is_compiling() -> bool:
-    """Return whether kernels are being compiled, by this process or one for which it waits."""
-    return _COMPILATION.under_way > 0 or _turns.is_waiting
+    """Return whether kernels are being compiled, here or in a process for which this one waits."""
+    return _COMPILATION.kernels > 0 or _TURNS.is_waiting

@@ -1,6 +1,7 @@
-"""Entry points: parts that installed packages add to this one.
+"""Entry points: parts that installed packages add to Frenetic.
 
-The help of the commands needs entry points, too, so this module imports less than the registry.
+The help of the commands reads entry points, too, so this module imports less than
+`frenetic.parts.registry`.
 """
 
 from __future__ import annotations
@@ -17,18 +18,19 @@ class RegisteredPart:
     """A built-in or installed object that users choose by name."""
 
     name: str
+    """Name by which users choose the object."""
     target: str
-    """Place of the object's code: ``module:Class``."""
+    """Where the object is defined: ``module:Class``."""
     origin: str
     """``built in``, or the name of the distribution that installed the object."""
     summary: str = ""
-    """Summary in one line; empty if only an import could tell it."""
+    """Summary in one line; empty if the object has to be imported to read it."""
 
 
 @cache
 def _installed(group: str, path: tuple[str, ...]) -> tuple[RegisteredPart, ...]:  # noqa: ARG001
     """Return the parts that packages on the module path have installed, in alphabetical order."""
-    from importlib.metadata import entry_points  # slow, and not needed by the help of commands
+    from importlib.metadata import entry_points  # imports slowly
 
     return tuple(
         RegisteredPart(

@@ -1,4 +1,4 @@
-"""Files: written whole or not at all, and read up to a size."""
+"""Files that are written whole or not at all, and read up to a size."""
 
 from __future__ import annotations
 
@@ -15,9 +15,10 @@ from frenetic.errors import FreneticError
 
 T = TypeVar("T")
 
-
 MAX_BYTES: Final = 4 * 2**20
-"""Largest file of a run, a bench or a calibration that is read, in bytes; ours."""
+"""Largest file of a run, a bench or a calibration that is read, in bytes (our choice)."""
+_MAX_NAME: Final = 80
+"""Most characters of a file's name in the name of its unfinished copy."""
 
 
 def open_file(path: Path) -> BufferedReader:
@@ -34,7 +35,7 @@ def open_file(path: Path) -> BufferedReader:
 def refuse_pipe(path: Path) -> None:
     """Refuse a pipe or a device, which a process may wait forever to open.
 
-    Those under ``/dev`` are let through: the shell connects them, as for ``<(...)``.
+    Pipes under ``/dev`` are allowed: the shell makes and fills them, as for ``<(...)``.
 
     Raises:
         OSError: there is no such file, or it is a pipe or a device.
@@ -56,7 +57,7 @@ def read_bounded(path: Path) -> bytes:
             data = file.read(MAX_BYTES + 1)
     except FileNotFoundError:
         raise FreneticError(f"there is no file {path}") from None
-    except (OSError, ValueError) as error:  # a NUL in its name
+    except (OSError, ValueError) as error:  # a ValueError for a NUL in the path
         reason = getattr(error, "strerror", None) or error
         raise FreneticError(f"{path} cannot be read: {reason}") from None
     if len(data) > MAX_BYTES:
@@ -76,12 +77,12 @@ def write_file(
     """Replace a file whole. A text is written as UTF-8, with its line ends unchanged.
 
     Args:
-        path: the file.
+        path: path of the file.
         content: the file's whole content.
         remedy: advice to the user if the file cannot be written.
         error: class of the error in that case.
         durable: whether the file must survive a power failure right afterwards.
-        parents: whether to make the file's folder.
+        parents: whether to make the file's folder and the folders above it.
 
     Raises:
         FreneticError: the file cannot be written; of the class ``error``.
@@ -100,7 +101,7 @@ def check_writable(path: Path, *, remedy: str) -> None:
     """Refuse a file that cannot be written, before its content is computed; write nothing.
 
     Args:
-        path: the file.
+        path: path of the file.
         remedy: advice to the user if the file cannot be written.
 
     Raises:
@@ -123,11 +124,12 @@ def check_writable(path: Path, *, remedy: str) -> None:
 
 
 def require_list(name: str, items: Iterable[T], of: str = "folders") -> tuple[T, ...]:
-    """Return the items of a list or another iterable, which is iterated once.
+    """Return the items of a list as a tuple; a single item in place of a list is refused.
 
     Args:
         name: name of the argument, for the message.
-        items: the list. A text is refused, since it would be read letter by letter.
+        items: a list or another iterable, which is iterated once. A text is refused, since it
+            would be read letter by letter.
         of: plural noun for the items, for the message.
 
     Raises:
@@ -141,7 +143,7 @@ def require_list(name: str, items: Iterable[T], of: str = "folders") -> tuple[T,
 
 
 class FolderInUse:
-    """A folder that is recognised even if somebody moves or deletes it while it is in use.
+    """A folder that is recognised after somebody moved or deleted it while it was in use.
 
     Args:
         path: the folder, which has to exist.
@@ -149,17 +151,18 @@ class FolderInUse:
 
     def __init__(self, path: Path) -> None:
         self._handle: int | None = None
+        """Descriptor of the folder, wherever it is; None on Windows, or after `close`."""
         self._path = path
         self._opened = path.stat()
-        with suppress(OSError):  # Windows opens no folder, and moves none that is in use
+        with suppress(OSError):  # Windows cannot open folders, nor move a folder that is in use
             self._handle = os.open(path, os.O_RDONLY)
 
     def holds(self, name: str, file: os.stat_result) -> bool:
-        """Return whether a file still lies in the folder, wherever the folder is now.
+        """Return whether a file is still in the folder, wherever the folder is now.
 
         Args:
             name: name of the file.
-            file: status of the file when it was opened.
+            file: status of the file at its opening, which identifies it.
         """
         with suppress(OSError):
             if self._handle is None:
@@ -168,23 +171,23 @@ class FolderInUse:
         return False
 
     def fate(self) -> str:
-        """Return the folder's fate: ``was moved to PLACE``, ``was deleted``; empty if in place."""
+        """Return what happened to the folder, such as ``was moved to PATH``; empty for nothing."""
         with suppress(OSError):
             if os.path.samestat(self._path.stat(), self._opened):
                 return ""
         if self._handle is None:
             return "was moved or deleted"
-        place = self.place()
-        if place is not None:
-            return f"was moved to {place}"
+        path = self.place()
+        if path is not None:
+            return f"was moved to {path}"
         return "was moved" if os.fstat(self._handle).st_nlink > 0 else "was deleted"
 
     def place(self) -> Path | None:
-        """Return the folder's path now; None if it was deleted, or if the system does not tell."""
+        """Return the folder's present path; None if deleted, or without Linux's /proc."""
         with suppress(OSError):
-            place = Path(f"/proc/self/fd/{self._handle}").readlink()
-            if os.path.samestat(place.stat(), self._opened):
-                return place
+            path = Path(f"/proc/self/fd/{self._handle}").readlink()
+            if os.path.samestat(path.stat(), self._opened):
+                return path
         return None
 
     def close(self) -> None:
@@ -201,7 +204,11 @@ class FolderInUse:
 def replacing(path: Path, *, durable: bool = False) -> Iterator[Path]:
     """Yield the path of a new file beside ``path``, which replaces ``path`` at the end.
 
-    If anything is raised meanwhile, the old file stays and the new one is removed.
+    If the context raises anything, the old file stays and the new file is removed.
+
+    Args:
+        path: path of the file.
+        durable: whether the new file must survive a power failure right afterwards.
 
     Raises:
         OSError: the file cannot be written.
@@ -219,7 +226,8 @@ def replacing(path: Path, *, durable: bool = False) -> Iterator[Path]:
 
 
 def _partial(path: Path) -> Path:
-    return path.with_name(f".{path.name[:80]}-{os.getpid()}.part")
+    """Return the path of a file's unfinished copy, beside the file."""
+    return path.with_name(f".{path.name[:_MAX_NAME]}-{os.getpid()}.part")
 
 
 def flush(path: Path) -> None:

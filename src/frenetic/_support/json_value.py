@@ -14,9 +14,9 @@ JSONValue: TypeAlias = (
 
 
 def plain(value: object) -> object:
-    """Return a read-only mapping or sequence, or a numpy number, in a type of `json.dumps`.
+    """Return a mapping, sequence or numpy number in a type that `json.dumps` knows.
 
-    For its ``default``.
+    It is the argument ``default`` of `json.dumps`, which is called with values of other types.
 
     Raises:
         ValueError: the value has another type.

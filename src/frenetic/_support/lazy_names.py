@@ -1,4 +1,4 @@
-"""Public names that a package imports on use, so that importing the package takes no time."""
+"""Public names that a package imports when they are used, so that it is imported at once."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ def import_name(package: str, modules: Mapping[str, str], name: str) -> Any:
 
     Args:
         package: the package's ``__name__``.
-        modules: public names of the package, each with the module that defines it.
-        name: the name that is asked for.
+        modules: public name -> module that defines it.
+        name: the name to import.
 
     Raises:
         AttributeError: the package has no such public name.

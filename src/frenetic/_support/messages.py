@@ -7,7 +7,7 @@ its body is decoded as the expected type. Nothing is unpickled.
 | --- | --- |
 | 4 | mark |
 | 1 | kind of the message |
-| 4 | number of the call that it belongs to |
+| 4 | number of the call to which the message belongs |
 | 4 | length of the body |
 | 4 | CRC-32 of kind, number, length and body |
 | length | body, in MessagePack |
@@ -33,17 +33,24 @@ from msgspec import msgpack
 
 from frenetic._support.scalars import is_numpy_scalar
 
-MOST_BYTES: Final = 1 << 28
-"""Longest body of a message from foreign code, in bytes: a drive of 42 hours."""
-MOST_BYTES_OF_OURS: Final = (1 << 32) - 1
-"""Longest body of a message to foreign code, in bytes: a driver with its network, say."""
+MAX_FOREIGN_BYTES: Final = 1 << 28
+"""Longest body of a message from foreign code, in bytes: a drive of 42 hours (our choice)."""
+MAX_OWN_BYTES: Final = (1 << 32) - 1
+"""Longest body of a message to foreign code, in bytes: as the length's 4 bytes allow."""
 _MARK: Final = b"\xf7Frn"
-_FIELDS: Final = struct.Struct("<BII")  # kind, number, length
+"""First bytes of each frame."""
+_FIELDS: Final = struct.Struct("<BII")
+"""Kind, number and length in the header."""
 _CHECKSUM: Final = struct.Struct("<I")
+"""Checksum in the header."""
 _HEADER_SIZE: Final = len(_MARK) + _FIELDS.size + _CHECKSUM.size
-_READ_SIZE: Final = 1 << 20  # bytes that are read at once
-_LONGEST_WAIT: Final = 3600.0  # [s] for room to write, before the deadline is looked at again
-_DTYPES: Final = frozenset({"<f8", "<i8", "|u1", "|b1"})  # of arrays
+"""Length of the header, in bytes."""
+_READ_SIZE: Final = 1 << 20
+"""Most bytes that are read at once (our choice)."""
+_MAX_WAIT: Final = 3600.0
+"""Longest wait for room to write in one call of the system, in s; longer waits repeat it."""
+_DTYPES: Final = frozenset({"<f8", "<i8", "|u1", "|b1"})
+"""Types of arrays that can be received: float64, int64, bytes and truth values."""
 
 
 class ProtocolError(Exception):
@@ -51,22 +58,27 @@ class ProtocolError(Exception):
 
 
 class Frame(NamedTuple):
-    """A message with an undecoded body."""
+    """A message whose body is not decoded yet."""
 
     kind: int
+    """Kind of the message, from 0 to 255; its meaning is the caller's."""
     number: int
     """Number of the message's call, from 0."""
     body: bytes
 
 
-def to_bytes(frame: Frame, most_bytes: int = MOST_BYTES) -> bytes:
+def to_bytes(frame: Frame, max_bytes: int = MAX_FOREIGN_BYTES) -> bytes:
     """Return the bytes of a frame.
+
+    Args:
+        frame: the frame.
+        max_bytes: longest body allowed, in bytes.
 
     Raises:
         ValueError: the body is too long.
     """
-    if len(frame.body) > most_bytes:
-        raise ValueError(f"a message has {len(frame.body)} bytes: at most {most_bytes} are allowed")
+    if len(frame.body) > max_bytes:
+        raise ValueError(f"a message has {len(frame.body)} bytes: at most {max_bytes} are allowed")
     fields = _FIELDS.pack(frame.kind, frame.number, len(frame.body))
     checksum = _CHECKSUM.pack(zlib.crc32(frame.body, zlib.crc32(fields)))
     return b"".join((_MARK, fields, checksum, frame.body))
@@ -75,25 +87,32 @@ def to_bytes(frame: Frame, most_bytes: int = MOST_BYTES) -> bytes:
 class FrameReader:
     """A buffer that cuts a stream of bytes into frames.
 
-    Its memory grows with the bytes that have come, not with the length that a frame claims.
+    Its memory grows with the received bytes, not with the length that a frame claims.
+
+    Args:
+        max_bytes: longest body allowed, in bytes.
     """
 
-    def __init__(self, most_bytes: int = MOST_BYTES) -> None:
-        self._most_bytes = most_bytes
+    def __init__(self, max_bytes: int = MAX_FOREIGN_BYTES) -> None:
+        self._max_bytes = max_bytes
         self._buffer = bytearray()
 
     def feed(self, data: bytes) -> Iterator[Frame]:
-        """Return the frames that these bytes complete.
+        """Yield the frames that further bytes complete.
 
         Raises:
             ProtocolError: the bytes are no frame.
         """
         self._buffer += data
-        while (frame := self._first()) is not None:
+        while (frame := self._take_frame()) is not None:
             yield frame
 
-    def _first(self) -> Frame | None:
-        """Remove the first frame from the buffer and return it; None if it is not complete."""
+    def _take_frame(self) -> Frame | None:
+        """Remove the first frame from the buffer and return it; None if it is not complete.
+
+        Raises:
+            ProtocolError: the buffer does not begin with a frame.
+        """
         mark = bytes(self._buffer[: len(_MARK)])
         if not _MARK.startswith(mark):
             raise ProtocolError("it is no message")
@@ -101,7 +120,7 @@ class FrameReader:
             return None
         fields = bytes(self._buffer[len(_MARK) : len(_MARK) + _FIELDS.size])
         kind, number, length = _FIELDS.unpack(fields)
-        if length > self._most_bytes:
+        if length > self._max_bytes:
             raise ProtocolError(f"it claims {length} bytes")
         end = _HEADER_SIZE + length
         if len(self._buffer) < end:
@@ -121,7 +140,7 @@ def encode(value: object) -> bytes:
     """Return a value of plain types, dataclasses and arrays as bytes.
 
     Raises:
-        TypeError: the value holds something else.
+        TypeError: the value holds an object of another type.
         ValueError: the value holds a number or text that MessagePack cannot hold.
     """
     return msgpack.encode(value, enc_hook=_as_plain)
@@ -136,7 +155,7 @@ def decode(data: bytes, kind: Any) -> Any:
     """
     try:
         return _decoder(kind).decode(data)
-    except Exception as error:  # of the decoder, a hook or a class: the bytes are not ours
+    except Exception as error:  # of decoder, hook or class, for foreign bytes
         raise ProtocolError(f"it is not what was asked for: {error}") from error
 
 
@@ -146,6 +165,11 @@ def _decoder(kind: Any) -> msgpack.Decoder[Any]:
 
 
 def _as_plain(value: Any) -> Any:
+    """Return a numpy value or path in types that MessagePack knows.
+
+    Raises:
+        TypeError: the value has another type.
+    """
     if is_numpy_scalar(value):
         return value.item()
     if type(value).__module__ == "numpy" and hasattr(value, "dtype"):
@@ -156,9 +180,14 @@ def _as_plain(value: Any) -> Any:
 
 
 def _from_plain(kind: Any, value: Any) -> Any:
+    """Return the array or path that `_as_plain` made plain.
+
+    Raises:
+        ValueError: the value is no array of `_DTYPES`.
+    """
     if isinstance(kind, type) and issubclass(kind, PurePath):
         return kind(value)
-    import numpy as np  # it takes its time
+    import numpy as np  # imports slowly
 
     dtype, shape, data = value
     if dtype not in _DTYPES or not all(type(size) is int and size >= 0 for size in shape):
@@ -172,11 +201,11 @@ def _from_plain(kind: Any, value: Any) -> Any:
 class Channel:
     """One end of the connection between two processes.
 
-    No process that this one starts inherits it. On POSIX it is a socket, on Windows a pipe.
+    Processes that this one starts do not inherit it. On POSIX it is a socket, on Windows a pipe.
 
     Args:
-        connection: closed, in favour of a descriptor of its own.
-        blocks: whether `receive` waits until something is there.
+        connection: the connection; on POSIX it is closed, and the channel has its own descriptor.
+        blocks: whether `receive` waits until bytes have come.
     """
 
     def __init__(self, connection: Connection, *, blocks: bool) -> None:
@@ -184,21 +213,24 @@ class Channel:
         if sys.platform == "win32":
             self._connection = connection
         else:
-            self._descriptor = os.dup(connection.fileno())  # which no program inherits
+            self._descriptor = os.dup(connection.fileno())  # a copy that no program inherits
             connection.close()
             os.set_blocking(self._descriptor, blocks)
             self._identity = _identity(self._descriptor)
 
     @property
     def handle(self) -> Any:
-        """Argument of `multiprocessing.connection.wait` that waits for bytes."""
+        """Object for which `multiprocessing.connection.wait` can wait: bytes have come."""
         if sys.platform == "win32":
             return self._connection
         return self._descriptor
 
     @property
     def is_whole(self) -> bool:
-        """Whether the descriptor is open and still belongs to this connection."""
+        """Whether the descriptor is open and still belongs to this connection.
+
+        Foreign code in this process may have closed it, and its number may have been reused.
+        """
         if sys.platform == "win32":
             return not self._connection.closed
         try:
@@ -207,7 +239,7 @@ class Channel:
             return False
 
     def receive(self) -> bytes:
-        """Return some of the bytes that have come; empty if none have and it does not block.
+        """Return some of the bytes that have come; empty if there are none and it does not block.
 
         Raises:
             EOFError: the other end is closed.
@@ -216,7 +248,7 @@ class Channel:
         if sys.platform == "win32":
             if not self._blocks and not self._connection.poll():
                 return b""
-            return self._connection.recv_bytes(MOST_BYTES_OF_OURS)
+            return self._connection.recv_bytes(MAX_OWN_BYTES)
         while True:
             try:
                 data = os.read(self._descriptor, _READ_SIZE)
@@ -230,14 +262,14 @@ class Channel:
             return data
 
     def send(self, data: bytes, deadline: float = float("inf")) -> None:
-        """Send bytes; on Windows they wait until the other end takes them.
+        """Send bytes, and wait until the other end takes them.
 
         Args:
             data: whole frames.
-            deadline: s on the monotonic clock.
+            deadline: time of `time.monotonic` until which to wait, in s; not kept on Windows.
 
         Raises:
-            TimeoutError: the other end has not taken them by then.
+            TimeoutError: the other end has not taken the bytes by the deadline.
             OSError: an end is closed.
         """
         if sys.platform == "win32":
@@ -260,15 +292,14 @@ class Channel:
 
 
 def _identity(descriptor: int) -> tuple[int, int]:
-    """Return device and inode behind a descriptor, which identify the connection."""
+    """Return device and inode of a descriptor, which identify the connection."""
     status = os.fstat(descriptor)
     return status.st_dev, status.st_ino
 
 
 def _await_room(descriptor: int, seconds: float) -> bool:
-    """Wait until a descriptor takes bytes; return whether to try to write again."""
+    """Wait until a descriptor takes bytes, for some seconds; return whether to try again."""
     with selectors.DefaultSelector() as selector:
         selector.register(descriptor, selectors.EVENT_WRITE)
-        return (
-            bool(selector.select(max(0.0, min(seconds, _LONGEST_WAIT)))) or seconds > _LONGEST_WAIT
-        )
+        has_room = bool(selector.select(max(0.0, min(seconds, _MAX_WAIT))))
+    return has_room or seconds > _MAX_WAIT

@@ -1,4 +1,4 @@
-"""Models in ONNX files, executed by onnxruntime, an extra.
+"""Models in ONNX files, executed by the package onnxruntime.
 
 A model is data: onnxruntime brings its operators, and the file itself holds its weights. It runs on
 one thread of the processor, so its answers repeat on the same machine.
@@ -19,10 +19,12 @@ from frenetic._support.words import pip_install
 from frenetic.errors import FreneticError, describe_error
 
 _NO_FOLDER: Final = "no folder: a model's weights are in its own file"
-_FATAL: Final = 4  # least severity in onnxruntime's own log, since errors are raised as well
+"""Folder of further files with weights: none exists by this name, and messages show it."""
+_FATAL: Final = 4
+"""Least severity of events in onnxruntime's own log; errors are raised as well."""
 
 Shape: TypeAlias = tuple[int | None, ...]
-"""Sizes of axes; None where the file leaves a size open."""
+"""Sizes of an array's axes; None where the file leaves a size open."""
 
 
 class OnnxModel:
@@ -38,7 +40,7 @@ class OnnxModel:
 
     def __init__(self, data: bytes) -> None:
         try:
-            import onnxruntime  # the extra
+            import onnxruntime  # of the extra "neural"
         except ImportError as error:
             raise FreneticError(
                 f"a neural network needs onnxruntime: {pip_install('neural')}"
@@ -47,7 +49,7 @@ class OnnxModel:
         options.intra_op_num_threads = options.inter_op_num_threads = 1
         options.execution_mode = onnxruntime.ExecutionMode.ORT_SEQUENTIAL
         options.log_severity_level = _FATAL
-        # Weights elsewhere would be looked up in the current folder, and be in no fingerprint.
+        # Weights in other files would come from any current folder, and no version covers them.
         options.add_session_config_entry(
             "session.model_external_initializers_file_folder_path", _NO_FOLDER
         )
@@ -58,9 +60,9 @@ class OnnxModel:
         except Exception as error:  # onnxruntime raises several classes of its own
             raise ValueError(_reason(error)) from None
         self.inputs: Mapping[str, Shape] = _shapes(self._session.get_inputs())
-        """Name of an input -> shape."""
+        """Name of an input -> shape of its array."""
         self.outputs: Mapping[str, Shape] = _shapes(self._session.get_outputs())
-        """Name of an output -> shape, ``()`` if the file does not say it."""
+        """Name of an output -> shape of its array; ``()`` if the file does not say it."""
         for tensor in self._session.get_inputs():
             if tensor.type != "tensor(float)":
                 name = f" {tensor.name}" if len(self.inputs) > 1 else ""
@@ -68,14 +70,14 @@ class OnnxModel:
 
     @property
     def metadata(self) -> dict[str, str]:
-        """Entries that the file's author wrote, name -> value."""
+        """Entries that the file's author wrote: name -> value."""
         return dict(self._session.get_modelmeta().custom_metadata_map)
 
     def run(self, inputs: Mapping[str, npt.NDArray[np.float32]]) -> dict[str, FloatArray]:
-        """Return name of an output -> its numbers, in the file's order.
+        """Compute the outputs and return them: name -> array, in the file's order.
 
         Args:
-            inputs: name of an input -> its numbers.
+            inputs: name of an input -> its array.
 
         Raises:
             ValueError: onnxruntime cannot compute the outputs.
@@ -84,12 +86,12 @@ class OnnxModel:
             outputs = self._session.run(None, dict(inputs))
             arrays = (np.asarray(output, dtype=np.float64) for output in outputs)
             return dict(zip(self.outputs, arrays, strict=True))
-        except Exception as error:  # classes of onnxruntime's own; or an output is no array
+        except Exception as error:  # onnxruntime raises its own classes; an output may be no array
             raise ValueError(f"it cannot be computed: {describe_error(error)}") from None
 
 
 def _shapes(values: Sequence[Any]) -> dict[str, Shape]:
-    """Return name -> shape of a session's inputs or outputs."""
+    """Return the shapes of a session's inputs or outputs: name -> shape."""
     return {
         value.name: tuple(
             size if isinstance(size, int) and size > 0 else None for size in value.shape
@@ -99,7 +101,7 @@ def _shapes(values: Sequence[Any]) -> dict[str, Shape]:
 
 
 def shown_shape(shape: Sequence[int | None]) -> str:
-    """Return a shape in words, such as ``(any, 3, 66, 200)``."""
+    """Return a shape as a text, such as ``(any, 3, 66, 200)``."""
     return f"({', '.join('any' if size is None else str(size) for size in shape)})"
 
 
@@ -119,7 +121,7 @@ def read_model(path: str) -> bytes:
 
 
 def _reason(error: Exception) -> str:
-    """Return onnxruntime's message about a file, in our words for common mistakes."""
+    """Return why onnxruntime cannot load a file, in plain words for common mistakes."""
     text = describe_error(error)
     if "INVALID_PROTOBUF" in text or "No graph was found" in text:
         return "it is no ONNX model"

@@ -1,6 +1,6 @@
 """Reading JSON and TOML that somebody else wrote: every mistake is a `ValueError` of one line.
 
-The values are nested so little that any code can walk them.
+Values that are nested too deep for recursive code are refused.
 """
 
 from __future__ import annotations
@@ -21,15 +21,16 @@ class BeyondLimitsError(ValueError):
 
 
 MAX_DEPTH: Final = 100
-"""Most levels of nested lists and objects; ours: a driver under ten wrappers has about 20."""
-_MOST_CHARACTERS: Final = 300  # in a message; ours
+"""Most levels of nested lists and objects (our choice): a driver in ten wrappers has about 20."""
+_MAX_MESSAGE: Final = 300
+"""Most characters of a message (our choice)."""
 _TOO_DEEP: Final = f"it is nested more than {MAX_DEPTH} levels deep"
 _TOO_LARGE: Final = "a number has thousands of digits"
 _LONG_KEY: Final = re.compile(
     rf"""(?<![\w-])(?:(?:[\w-]++|"[^"\n]*+"|'[^'\n]*+')[ \t]*+\.[ \t]*+){{{MAX_DEPTH}}}"""
 )
-"""Key of TOML with `MAX_DEPTH` dots, also within a text: the memory that `tomllib` takes grows with
-the square of their number."""
+"""Pattern of a key of TOML with `MAX_DEPTH` dots, for which `tomllib` would take much memory: it
+grows with the square of their number. The pattern also matches such a key within a text."""
 
 
 @overload
@@ -64,6 +65,7 @@ def read_toml(data: bytes) -> dict[str, Any]:
 
 
 def _parse_toml(text: str) -> dict[str, Any]:
+    """Parse a text, but refuse long keys before."""
     if _LONG_KEY.search(text):
         raise BeyondLimitsError(_TOO_DEEP)
     return tomllib.loads(text)
@@ -105,6 +107,6 @@ def _read(parse: Callable[[str], Any], text: str | bytes) -> Any:
     except (ValueError, OverflowError, MemoryError) as error:
         if "integer string conversion" in str(error):
             raise BeyondLimitsError(_TOO_LARGE) from None
-        raise ValueError(" ".join(str(error).split())[:_MOST_CHARACTERS]) from None
+        raise ValueError(" ".join(str(error).split())[:_MAX_MESSAGE]) from None
     _check_depth(value)
     return value

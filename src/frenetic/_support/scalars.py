@@ -1,4 +1,4 @@
-"""Numbers of numpy, which neither JSON nor SQLite knows."""
+"""Replacing numpy's numbers by Python's, since JSON and SQLite know only these."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ def without_numpy(value: Any) -> Any:
 
 
 def take_numpy_scalars(record: Any) -> None:
-    """Replace numpy scalars by Python's in a dataclass's fields.
+    """Replace numpy scalars in the fields of a frozen dataclass by Python's numbers.
 
-    For its ``__post_init__``. Compiled kernels are made for Python's own, too.
+    It is called in ``__post_init__``. Kernels are compiled for Python's numbers, too.
     """
     for item in fields(record):
         value = getattr(record, item.name)

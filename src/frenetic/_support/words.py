@@ -1,17 +1,11 @@
-"""Words for people, and from them: counts, rates, times, settings, texts in cells of tables."""
+"""Texts about counts, rates, distances and times, and times from texts."""
 
 from __future__ import annotations
 
-import json
 import math
 import re
-from collections.abc import Mapping
 from datetime import UTC, datetime
-from itertools import pairwise
-from typing import Any, Final
-
-from frenetic._support.json_value import plain
-from frenetic._support.outside_text import BeyondLimitsError, read_json
+from typing import Final
 
 
 def counted(number: int, noun: str, plural: str | None = None) -> str:
@@ -20,7 +14,7 @@ def counted(number: int, noun: str, plural: str | None = None) -> str:
 
 
 def capitalised(text: str) -> str:
-    """Return a text with a capital first letter; the other letters stay."""
+    """Return a text with a capital first letter and its other letters unchanged."""
     return text[:1].upper() + text[1:]
 
 
@@ -30,20 +24,26 @@ def present_moment() -> str:
 
 
 def pip_install(extra: str) -> str:
-    """Return the words that install an extra of Frenetic, from a clone."""
+    """Return the advice to install an extra of Frenetic in its clone."""
     return f'pip install ".[{extra}]" in the clone of Frenetic'
 
 
 def signed(value: float | None, digits: int = 2, none: str = "–") -> str:
-    """Return a number with a proper minus sign; ``none`` for None."""
+    """Return a number with the sign − for minus.
+
+    Args:
+        value: the number; None if it is unknown.
+        digits: number of decimals.
+        none: text for an unknown number.
+    """
     return none if value is None else f"{value:.{digits}f}".replace("-", "−")
 
 
 def oob_words(oob: float | None, lane_width: float) -> str:
-    """Return an oob distance with the largest possible one: ``1.74 of 1.75 m``, ``−0.52 m``.
+    """Return an oob distance beside the largest possible: ``1.74 of 1.75 m``, ``−0.52 m`` outside.
 
     Args:
-        oob: oob distance, in m; None if unknown.
+        oob: oob distance, in m; None if it is unknown.
         lane_width: width of the lane, in m: half of it is the largest oob distance.
     """
     if oob is None:
@@ -54,7 +54,7 @@ def oob_words(oob: float | None, lane_width: float) -> str:
 
 
 def lane_words(oob: float, lane_width: float) -> str:
-    """Return a place in words: ``1.74 of 1.75 m inside its lane``, ``0.52 m outside its lane``.
+    """Return where the car was: ``1.74 of 1.75 m inside its lane``, ``0.52 m outside its lane``.
 
     Args:
         oob: oob distance of the car's centre, in m.
@@ -71,7 +71,11 @@ def oob_unit(lane_width: float) -> str:
 
 
 def rate_words(rate: float | None) -> str:
-    """Return a rate in tests per second, or per minute or hour where tests are few."""
+    """Return a rate as a text, per second, minute or hour, so that its number is at least 1.
+
+    Args:
+        rate: tests per second; None if it is unknown.
+    """
     if rate is None:
         return "-"
     if rate == 0.0:
@@ -87,98 +91,25 @@ def simulated_time(seconds: float | None) -> float | None:
     return None if seconds is None else round(seconds, 6)
 
 
-def number_word(value: object) -> str:
-    """Return a number for a command line: ``4`` for 4.0."""
-    return str(value).removesuffix(".0")
-
-
-_UNITS: Final = {"h": 3600.0, "m": 60.0, "s": 1.0}
+_UNIT_SECONDS: Final = {"h": 3600.0, "m": 60.0, "s": 1.0}
+"""Unit of a time -> its length, in s."""
 _NUMBER: Final = r"\d+(?:\.\d+)?"
-_PATTERN: Final = re.compile(
+_DURATION: Final = re.compile(
     rf"(?:(?P<h>{_NUMBER})h)?(?:(?P<m>{_NUMBER})m)?(?:(?P<s>{_NUMBER})s)?|(?P<alone>{_NUMBER})"
 )
-
-
-_AS_IN_PYTHON: Final = {"True": True, "False": False, "None": None}
-
-
-def read_setting(text: str) -> Any:
-    """Return the value of NAME=VALUE on a command line: JSON or a number if possible, else a text.
-
-    ``True``, ``False`` and ``None`` are read as in Python, too.
-
-    Raises:
-        ValueError: the text is JSON with too deep nesting or too large a number.
-    """
-    if text in _AS_IN_PYTHON:
-        return _AS_IN_PYTHON[text]
-    for read in (read_json, float):
-        try:
-            value = read(text)
-            if isinstance(value, int):
-                float(value)  # a part may calculate with it
-        except (BeyondLimitsError, OverflowError) as error:
-            raise ValueError(f"{text[:20]}...: {error}") from None
-        except ValueError:
-            continue
-        return value
-    return text
-
-
-_PIECE: Final = re.compile(r'"(?:[^"\\]|\\.)*"|[^,"\[\]{}]+|[\[\]{},"]')  # piece of a part's text
-
-
-def read_part(text: str) -> tuple[str | None, dict[str, Any]]:
-    """Return name and options of ``planner,aggression=1.2``; None for options without a name.
-
-    A comma separates, unless it is quoted or within brackets: ``sites=[1,2]``, ``path="a,b"``.
-
-    Raises:
-        ValueError: an option has no value, stands twice, or its value cannot be read.
-    """
-    ends, depth = [-1], 0
-    for piece in _PIECE.finditer(text):
-        depth += (piece[0] in "[{") - (piece[0] in "]}")
-        if piece[0] == "," and depth == 0:
-            ends.append(piece.start())
-    items = [text[end + 1 : following] for end, following in pairwise([*ends, len(text)])]
-    first = str(read_setting(items[0])) if items[0][:1] == '"' else items[0].strip()
-    is_name = items[0][:1] == '"' or "=" not in items[0]
-    options: dict[str, Any] = {}
-    for item in items[is_name:]:
-        name, equals, value = item.partition("=")
-        if not equals or not name.strip():
-            raise ValueError(f"{item!r} is not OPTION=VALUE, as in {first or 'name'},option=1.2")
-        if name.strip() in options:
-            raise ValueError(f"the option {name.strip()} is there twice")
-        options[name.strip()] = read_setting(value)
-    return first if is_name else None, options
-
-
-def part_word(name: str | None, options: Mapping[str, Any]) -> str:
-    """Return a part's text that `read_part` reads back."""
-    first = [] if name is None else [json.dumps(name) if set(name) & set(',="[]{}') else name]
-    return ",".join([*first, *(f"{key}={_setting(value)}" for key, value in options.items())])
-
-
-def _setting(value: object) -> str:
-    """Return a value's text that `read_setting` reads back."""
-    if isinstance(value, str):
-        is_plain = not set(value) & set(',"[]{}') and read_setting(value) == value
-        return value if is_plain else json.dumps(value)
-    return json.dumps(value, default=plain)
+"""Pattern of a time with units, or of a number of seconds alone."""
 
 
 def parse_duration(text: object) -> float:
-    """Return the seconds of a time such as ``90``, ``90s``, ``10m`` or ``1h30m``.
+    """Return a time such as ``90``, ``90s``, ``10m`` or ``1h30m`` in s.
 
     Raises:
         ValueError: the text is no time, or the time is 0.
     """
-    match = _PATTERN.fullmatch(str(text).strip().replace(" ", "").lower())
+    match = _DURATION.fullmatch(str(text).strip().replace(" ", "").lower())
     if match is None or not any(match.groups()):
         raise ValueError(f"{text!r} is not a time: write 90s, 10m or 1h30m")
-    seconds = sum(float(match[unit] or 0.0) * factor for unit, factor in _UNITS.items())
+    seconds = sum(float(match[unit] or 0.0) * length for unit, length in _UNIT_SECONDS.items())
     seconds += float(match["alone"] or 0.0)
     if not (math.isfinite(seconds) and seconds > 0.0):
         raise ValueError(f"{text!r} is no time: more than 0 s is needed")
@@ -186,38 +117,8 @@ def parse_duration(text: object) -> float:
 
 
 def format_duration(seconds: float) -> str:
-    """Return a time in words: ``0:07``, ``12:34`` or ``1:02:03``."""
+    """Return a time as minutes and seconds or with hours: ``0:07``, ``12:34``, ``1:02:03``."""
     whole = max(round(seconds), 0)
     minutes, second = divmod(whole, 60)
     hours, minute = divmod(minutes, 60)
     return f"{hours}:{minute:02d}:{second:02d}" if hours else f"{minute}:{second:02d}"
-
-
-_UNPRINTED: Final = re.compile(
-    "[\x00-\x09\x0b-\x1f\x7f-\x9f\u2028-\u202e\u2066-\u2069\ud800-\udfff]"
-)
-"""Control characters other than the end of a line, signs that reverse the direction of writing or
-end a line, and characters that no UTF-8 file can hold."""
-_FORMULA: Final = ("=", "+", "-", "@", "\n")
-
-
-def printable(text: str) -> str:
-    r"""Return a text with escaped control characters, such as ``\x1b``; line ends stay."""
-    return _UNPRINTED.sub(lambda match: match[0].encode("unicode_escape").decode(), text)
-
-
-def shortened(text: str, most: int) -> str:
-    """Return a text without its middle if it has more than ``most`` characters."""
-    if len(text) <= most:
-        return text
-    return f"{text[: most - most // 3 - 5]} ... {text[-(most // 3) :]}"
-
-
-def text_cell(text: str) -> str:
-    """Return a printable text that a spreadsheet reads as text.
-
-    A text that it would read as a formula gets a leading apostrophe. Numbers need no apostrophe,
-    though they may begin with a minus.
-    """
-    text = printable(text)
-    return f"'{text}" if text.startswith(_FORMULA) else text

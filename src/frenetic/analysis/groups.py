@@ -19,11 +19,10 @@ from frenetic.conditions.condition import as_text as conditions_text
 from frenetic.conditions.domain import Domain
 from frenetic.criteria.criterion import CriteriaSet
 from frenetic.errors import CampaignError
-from frenetic.parts.registry import part_name
-from frenetic.parts.versions import short_version
+from frenetic.parts.records import part_name, short_version
 from frenetic.road import profile
 from frenetic.road.classes import RoadClass
-from frenetic.spec.part_record import part_text
+from frenetic.spec.part_text import part_text
 from frenetic.spec.terms import Terms
 
 PARTS: Final = (

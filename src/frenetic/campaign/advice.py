@@ -9,9 +9,10 @@ from frenetic.campaign.configuration import SPEC, owner_of
 from frenetic.campaign.store import CampaignStore
 from frenetic.campaign.stored_spec import is_client_driven
 from frenetic.oracle.verdict import is_drivers
-from frenetic.parts.trust import REGISTRIES, is_here
+from frenetic.parts.named_code import REGISTRIES
+from frenetic.parts.trust import is_here
 from frenetic.spec import FILE, Spec
-from frenetic.spec.part_record import PARTS
+from frenetic.spec.parts import PARTS
 
 
 def resume_command(store: CampaignStore) -> str:

@@ -56,8 +56,8 @@ from frenetic.campaign.workers import Workers, cluster_workers, workers_for
 from frenetic.conditions.domain import Domain
 from frenetic.drivers.driver import Driver
 from frenetic.errors import CampaignError
-from frenetic.parts.registry import options_of
-from frenetic.parts.trust import unsigned_text
+from frenetic.parts.construction import options_of
+from frenetic.parts.signatures import unsigned_text
 from frenetic.parts.versions import package_versions
 from frenetic.road import MAP_MARGIN
 from frenetic.search.strategy import Strategy
@@ -65,7 +65,7 @@ from frenetic.simulators.capabilities import check_class
 from frenetic.simulators.conditions import check_pair_in
 from frenetic.simulators.simulator import Simulator
 from frenetic.spec import USUAL, Budget, Spec
-from frenetic.spec.part_record import PARTS
+from frenetic.spec.parts import PARTS
 from frenetic.spec.terms import Terms
 
 _LOGGED_ENTRIES: Final = ("seed", *PARTS, "budget", "workers", "max_in_flight", "versions")

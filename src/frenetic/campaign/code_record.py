@@ -14,12 +14,12 @@ from frenetic.campaign.reader import SIGNATURE, SOURCES
 from frenetic.campaign.store import CampaignStore
 from frenetic.campaign.tester import RoadTester
 from frenetic.errors import CampaignError
-from frenetic.parts.registry import Construction
-from frenetic.parts.trust import named_code
+from frenetic.parts.construction import Construction
+from frenetic.parts.named_code import named_code
 from frenetic.parts.versions import version_of
 from frenetic.search.strategy import Strategy
 from frenetic.spec import Spec
-from frenetic.spec.part_record import changed_parts, describe, describe_terms, sources_of
+from frenetic.spec.part_record import behaviour_versions, changed_parts, describe, sources_of
 from frenetic.spec.terms import DriveSetting
 
 SETTING: Final = tuple(item.name for item in fields(DriveSetting))
@@ -67,8 +67,8 @@ class CodeRecord:
         """Versions of our rules and our map, and of the objective if it is the user's."""
         measure = self.objective.measure
         if measure.__module__.partition(".")[0] == "frenetic":
-            return describe_terms()
-        return describe_terms() | {"objective": version_of(measure).text}
+            return behaviour_versions()
+        return behaviour_versions() | {"objective": version_of(measure).text}
 
     @property
     def sources(self) -> dict[str, JSONValue]:

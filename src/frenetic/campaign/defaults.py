@@ -7,12 +7,12 @@ from pathlib import Path
 from typing import Any, Final
 
 from frenetic._support.bounds import require_count
-from frenetic._support.words import number_word
+from frenetic._support.option_text import number_word
 from frenetic.campaign.guarded_strategy import ObservingStrategy
 from frenetic.campaign.tester import RoadTester
 from frenetic.campaign.workers import available_cores
 from frenetic.errors import CampaignError, reason_of
-from frenetic.parts.registry import options_of
+from frenetic.parts.construction import options_of
 from frenetic.search.strategy import Strategy, has_own
 from frenetic.simulators.capabilities import capabilities
 from frenetic.simulators.simulator import Simulator

@@ -13,7 +13,7 @@ from weakref import WeakValueDictionary
 
 import numpy as np
 
-from frenetic._support.bounds import is_number, shown
+from frenetic._support.bounds import is_number, short_repr
 from frenetic._support.json_value import JSONValue, plain
 from frenetic._support.outside_text import read_json
 from frenetic.campaign.record import Attempt
@@ -118,7 +118,9 @@ def ask(strategy: Strategy, summary: Summary) -> Candidate | None:
             f"the strategy proposed {type(candidate).__name__} instead of frenetic.Candidate"
         )
     if fault := _unusable_part(candidate):
-        raise StrategyError(f"the strategy proposed candidate {shown(candidate.id)} with {fault}")
+        raise StrategyError(
+            f"the strategy proposed candidate {short_repr(candidate.id)} with {fault}"
+        )
     return candidate
 
 
@@ -134,23 +136,23 @@ def _unusable_part(candidate: Any) -> str:
     if not (np.isfinite(curvatures).all() and (points is None or np.isfinite(points).all())):
         return "values that are not finite"
     if not (is_number(candidate.step) and candidate.step > 0.0):
-        return f"the step {shown(candidate.step)}: a positive number of metres is needed"
+        return f"the step {short_repr(candidate.step)}: a positive number of metres is needed"
     origin = candidate.origin
     if not isinstance(candidate.origin, Origin):
-        return f"the origin {shown(origin)}: a frenetic.search.Origin is needed"
+        return f"the origin {short_repr(origin)}: a frenetic.search.Origin is needed"
     if not isinstance(origin.operator, str):
-        return f"the operator {shown(origin.operator)}: a text is needed"
+        return f"the operator {short_repr(origin.operator)}: a text is needed"
     if not (
         isinstance(origin.parents, Iterable)
         and all(isinstance(parent, Integral) for parent in origin.parents)
     ):
-        return f"the parents {shown(origin.parents)}: a tuple of ids is needed"
+        return f"the parents {short_repr(origin.parents)}: a tuple of ids is needed"
     if not _is_whole(origin.generation, 0):
-        return f"the generation {shown(origin.generation)}: a whole number from 0 is needed"
+        return f"the generation {short_repr(origin.generation)}: a whole number from 0 is needed"
     try:
         read_json(json.dumps(dict(candidate.notes), default=plain, allow_nan=False))
     except (TypeError, ValueError, RecursionError):
-        return f"the notes {shown(candidate.notes)}: names with plain values are needed"
+        return f"the notes {short_repr(candidate.notes)}: names with plain values are needed"
     return ""
 
 

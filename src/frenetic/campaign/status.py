@@ -15,14 +15,15 @@ from msgspec import Struct, to_builtins
 
 from frenetic._support.files import open_file
 from frenetic._support.outside_text import read_json
-from frenetic._support.words import printable
+from frenetic._support.printable import printable
 from frenetic.campaign.advice import resume_command
 from frenetic.campaign.lock import holder, last_host
 from frenetic.campaign.log import LOG, LogEvent
 from frenetic.campaign.store import LOCK, CampaignStore
 from frenetic.campaign.stored_spec import stored_budget
 from frenetic.campaign.summary import Summary
-from frenetic.spec.part_record import PARTS, recorded_part
+from frenetic.spec.part_text import recorded_part
+from frenetic.spec.parts import PARTS
 
 LOG_TAIL: Final = 1 << 16
 """Number of bytes at the end of a log in which news are looked for (our choice)."""

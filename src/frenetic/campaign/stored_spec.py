@@ -12,7 +12,8 @@ from frenetic.campaign.database import DATABASE
 from frenetic.campaign.reader import SIGNATURE, SOURCES, STARTED_IN
 from frenetic.campaign.store import CampaignStore
 from frenetic.errors import CampaignError
-from frenetic.parts.trust import is_signed, named_code
+from frenetic.parts.named_code import named_code
+from frenetic.parts.signatures import is_signed
 from frenetic.spec import Budget, Signed, Spec
 
 

@@ -24,7 +24,8 @@ from frenetic.errors import RoadError, Trouble
 from frenetic.oracle.drive import Drive, Rules, Trajectory
 from frenetic.oracle.outcome import Outcome
 from frenetic.oracle.verdict import judge
-from frenetic.parts.registry import SIMULATORS, Construction
+from frenetic.parts.construction import Construction
+from frenetic.parts.registry import SIMULATORS
 from frenetic.processes.forks import one_process
 from frenetic.road import Road, Verdict, check_validity
 from frenetic.search.records import Candidate

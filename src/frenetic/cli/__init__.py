@@ -1,4 +1,4 @@
-"""The command line: parses, calls the library, prints.
+"""The command line: it parses, calls the library, and prints.
 
 A command is imported when it runs, so ``frenetic --help`` starts at once.
 """
@@ -20,21 +20,27 @@ from typing import Any, ClassVar, Final, NoReturn, TextIO
 import click
 
 from frenetic._support.entry_points import installed
-from frenetic._support.words import printable, shortened
+from frenetic._support.printable import printable, shortened
 from frenetic.errors import FreneticError
 from frenetic.processes.interrupt import ending_in_order, plain_interrupts
 
 __all__ = ["cli", "main"]
 
+INTERRUPTED: Final = 130
+"""Exit code after Ctrl-C, by the convention of shells: 128 and the number of the signal."""
 BLAS_THREADS: Final = "OPENBLAS_NUM_THREADS"
-_CHOICES: Final = (
+"""Environment variable with the number of threads of numpy's matrix library."""
+_OPTIONS_IN_ADVICE: Final = (
     ("--out", "choose another place", "choose another place with --out"),
     ("--roads", "or the road class ", "or --roads "),
 )
-"""Option of a command, words of the library's errors, and the words that name the option."""
-_MOST_CHARACTERS: Final = 2_000
-"""Most characters of the line about a mistake, which may quote an argument."""
-CONTEXT = {"help_option_names": ["-h", "--help"], "max_content_width": 100}
+"""Option of a command, advice in the library's errors, and advice that names the option."""
+_MAX_LINE: Final = 2_000
+"""Most characters of the line about a mistake, which may quote an argument (our choice)."""
+_GARBAGE_THRESHOLD: Final = 50_000
+"""New objects after which Python looks for garbage (our choice)."""
+_CONTEXT_SETTINGS: Final = {"help_option_names": ["-h", "--help"], "max_content_width": 100}
+"""Settings of click: names of the help's option, width of the help in characters."""
 
 
 COMMANDS: Final = {
@@ -54,19 +60,22 @@ COMMANDS: Final = {
     "list": "list:list_parts",
     "doctor": "doctor:doctor",
 }
-"""Name -> ``module:function`` in this package."""
+"""Name of a command -> ``module:function`` in this package."""
 
 
 def _commands() -> dict[str, str]:
-    """Return name -> ``module:function`` of our commands, of plug-ins and of other packages."""
+    """Return name -> ``module:function`` of all commands, of plug-ins and other packages, too."""
     installed_commands = {entry.name: entry.target for entry in installed("frenetic.commands")}
     return installed_commands | {name: f"{__name__}.{target}" for name, target in COMMANDS.items()}
 
 
 def _summary(target: str) -> str:
-    """Return the first help line of a command from its source, since importing it takes long."""
+    """Return the first help line of a command from its source, since importing it takes long.
+
+    The result is empty where the source cannot be read, or has another form.
+    """
     module, _, name = target.partition(":")
-    with suppress(ImportError, OSError, ValueError):  # a broken package
+    with suppress(ImportError, OSError, ValueError):  # the package is broken
         spec = find_spec(module)
         source = "" if spec is None or spec.origin is None else Path(spec.origin).read_text("utf-8")
         match = re.search(rf'^def {re.escape(name)}\(.*?"""(.*?)(?:"""|\n)', source, re.S | re.M)
@@ -82,7 +91,7 @@ class CommandTable(click.Group):
         return sorted(_commands())
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:  # noqa: ARG002
-        """Return the command of a name; None if there is none."""
+        """Import and return the command of a name; None if no command has this name."""
         target = _commands().get(cmd_name)
         if target is None:
             return None
@@ -91,20 +100,21 @@ class CommandTable(click.Group):
         return command
 
     def invoke(self, ctx: click.Context) -> Any:
-        """Run the command; if an error advises a choice, name the option for it."""
+        """Run the command; where an error gives advice for Python, name the option instead."""
         try:
             return super().invoke(ctx)
         except FreneticError as error:
             command = self.get_command(ctx, ctx.invoked_subcommand or "")
+            parameters = [] if command is None else command.params
             text = str(error)
-            for option, words, better in _CHOICES:
-                if command is not None and any(option in known.opts for known in command.params):
-                    text = text.replace(words, better)
+            for option, advice, advice_with_option in _OPTIONS_IN_ADVICE:
+                if any(option in parameter.opts for parameter in parameters):
+                    text = text.replace(advice, advice_with_option)
             error.args = (text,)
             raise
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:  # noqa: ARG002
-        """Write the summary of each command without importing it."""
+        """Write name and summary of each command into the help, without importing the commands."""
         summaries = {name: _summary(target) for name, target in _commands().items()}
         with formatter.section("Commands"):
             formatter.write_dl(sorted(summaries.items()))
@@ -114,11 +124,11 @@ class Invocation:
     """A command line, and the time since it began.
 
     Args:
-        words: of the command line, without the program's name.
+        words: words of the command line, without the program's name.
     """
 
     clock: ClassVar[Callable[[], float]] = time.monotonic
-    """Time in s."""
+    """Function that returns the time in s, from any zero."""
 
     def __init__(self, words: tuple[str, ...] = ()) -> None:
         self.words = words
@@ -126,30 +136,30 @@ class Invocation:
 
     @property
     def seconds(self) -> float:
-        """Wall time since it began, in s."""
+        """Wall time since the command line began, in s."""
         return Invocation.clock() - self._began
 
     def __str__(self) -> str:
         """Return the command line for pasting into a shell."""
-        from frenetic.cli.console import shell  # slower than help may be
+        from frenetic.cli.console import shell  # imports too slowly for --help
 
         return " ".join(["frenetic", *map(shell, self.words)])
 
 
 def main(arguments: Sequence[str] | None = None) -> NoReturn:
     """Run the command line; a user's mistake is one line on stderr and exit code 2."""
-    # Numpy reads it when it is imported. Matrices are small here, where threads that wait for each
-    # other take many times the processor's time, and workers have the other cores.
+    # Numpy reads the variable when it is imported. For our small matrices several threads cost many
+    # times the processor's time, and other cores belong to workers.
     os.environ.setdefault(BLAS_THREADS, "1")
-    # What is imported stays: looking through it again and again takes a tenth of a start-up.
-    gc.set_threshold(50_000)
+    # Imported modules stay in memory, so looking for garbage among them only delays the start.
+    gc.set_threshold(_GARBAGE_THRESHOLD)
     invocation = Invocation(tuple(sys.argv[1:] if arguments is None else arguments))
     try:
         with ending_in_order(), plain_interrupts():
             code = cli.main(
                 args=[*invocation.words],
                 prog_name="frenetic",
-                standalone_mode=False,
+                standalone_mode=False,  # click raises, and does not end the program
                 obj=invocation,
             )
     except click.exceptions.Exit as stop:
@@ -157,15 +167,14 @@ def main(arguments: Sequence[str] | None = None) -> NoReturn:
     except click.ClickException as error:
         fail(error.format_message())
     except FreneticError as error:
-        import logging  # slower than help may be
+        import logging  # imports too slowly for --help
 
         logging.getLogger(__name__).debug("the error in full", exc_info=True)
         fail(str(error))
     except (KeyboardInterrupt, click.Abort):
         echo(f"frenetic: interrupted; to run it again: {invocation}", err=True)
-        code = 130
-    except BrokenPipeError:
-        # The reader of our output has gone; end quietly.
+        code = INTERRUPTED
+    except BrokenPipeError:  # the reader of our output has gone
         silence(sys.stdout)
         code = 1
     except OSError as error:
@@ -176,37 +185,37 @@ def main(arguments: Sequence[str] | None = None) -> NoReturn:
 
 
 def fail(message: str) -> NoReturn:
-    """End the program with one line about a user's mistake."""
+    """Print one line about a user's mistake to stderr, and end the program with exit code 2."""
     complain(message)
     sys.exit(2)
 
 
 def complain(message: str) -> None:
     """Print one line about a user's mistake to stderr."""
-    echo(f"frenetic: {shortened(' '.join(message.split()), _MOST_CHARACTERS)}", err=True)
+    echo(f"frenetic: {shortened(' '.join(message.split()), _MAX_LINE)}", err=True)
 
 
 def echo(text: object = "", *, err: bool = False, nl: bool = True) -> None:
     r"""Print a text with printable control characters, such as ``\x1b``.
 
-    All that a command prints goes through it, or through a console of `frenetic.cli.console`.
+    Commands print only by this function or by a console of `frenetic.cli.console`.
 
     Args:
-        text: whatever its source is, such as the reason of a test in a database.
-        err: whether it is for stderr.
+        text: any text, such as the reason of a test in a foreign database.
+        err: whether to print to stderr.
         nl: whether to end the line.
     """
-    click.echo(printable(str(text)), err=err, nl=nl)  # noqa: TID251 - here alone
+    click.echo(printable(str(text)), err=err, nl=nl)  # noqa: TID251  # the only permitted call
 
 
 def silence(stream: TextIO) -> None:
-    """Discard a stream that nobody reads, so that nothing fails at exit either."""
-    nowhere = os.open(os.devnull, os.O_WRONLY)
-    os.dup2(nowhere, stream.fileno())
-    os.close(nowhere)
+    """Discard what is written to a stream that nobody reads, so that flushing at exit succeeds."""
+    null_device = os.open(os.devnull, os.O_WRONLY)
+    os.dup2(null_device, stream.fileno())
+    os.close(null_device)
 
 
-@click.group(cls=CommandTable, context_settings=CONTEXT, invoke_without_command=True)
+@click.group(cls=CommandTable, context_settings=_CONTEXT_SETTINGS, invoke_without_command=True)
 @click.version_option(None, "--version", package_name="frenetic-roads", prog_name="frenetic")
 @click.option("--debug", is_flag=True, help="Log what happens, with tracebacks, to stderr.")
 @click.pass_context
@@ -219,14 +228,14 @@ def cli(context: click.Context, debug: bool) -> None:
 
 
 def _log_to_stderr() -> None:
-    """Log what happens to stderr, with printable control characters as in `echo`."""
+    """Log all events to stderr, with printable control characters as in `echo`."""
     import logging
 
-    class ShowingFormatter(logging.Formatter):
+    class EscapingFormatter(logging.Formatter):
         def format(self, record: logging.LogRecord) -> str:
             return printable(super().format(record))
 
     handler = logging.StreamHandler()
-    handler.setFormatter(ShowingFormatter("%(asctime)s %(name)s %(levelname)s %(message)s"))
+    handler.setFormatter(EscapingFormatter("%(asctime)s %(name)s %(levelname)s %(message)s"))
     logging.basicConfig(level=logging.INFO, handlers=[handler])
     logging.getLogger("frenetic").setLevel(logging.DEBUG)

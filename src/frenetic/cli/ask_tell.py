@@ -1,4 +1,4 @@
-"""The command that searches for a simulator that somebody else runs: ask-tell."""
+"""The command `ask-tell`, which proposes roads to a simulator that the user runs."""
 
 from __future__ import annotations
 
@@ -13,17 +13,19 @@ from typing import Any
 import click
 
 from frenetic.cli import echo
-from frenetic.cli.entries import CommandOptions, entry_options
-from frenetic.cli.options import as_usage_error, folder_option
+from frenetic.cli.command_options import CommandOptions
+from frenetic.cli.entries import entry_options
+from frenetic.cli.options import DEFAULT_SIMULATIONS, SEED_LIMIT, as_usage_error, folder_option
 from frenetic.spec import Spec
-
-DEFAULT_SIMULATIONS = 1000
 
 
 @click.command(name="ask-tell")
 @entry_options("simulations", "time", "failures", "strategy")
 @click.option(
-    "--name", default="client", show_default=True, help="Name of what drives, for the record."
+    "--name",
+    default="client",
+    show_default=True,
+    help="Name of your simulator in the campaign's record.",
 )
 @entry_options("odd", "map_size", "seed")
 @folder_option("Folder for the results; a folder that holds this search is resumed.")
@@ -37,9 +39,9 @@ def ask_tell(
 ) -> None:
     """Search for a simulator that you run: JSON lines on stdin and stdout.
 
-    Write {"ask": {}} and read {"candidate": ..}, a road and, of a domain, conditions; drive it, and
-    write {"tell": {"id": 1, "outcome": "FAIL", "moobd": -0.4}}. The campaign is stored and shown
-    like any other. The page on ask-tell has all requests.
+    Write {"ask": {}} and read {"candidate": ..}: a road, with conditions if there is a domain.
+    Drive it, and write {"tell": {"id": 1, "outcome": "FAIL", "moobd": -0.4}}. The campaign is
+    stored and shown like any other. The page on ask-tell has all requests.
     """
     from frenetic.campaign import CampaignStore, new_folder
     from frenetic.campaign.ask_tell import ClientCampaign
@@ -49,20 +51,20 @@ def ask_tell(
     if spec.budget is None:
         spec = Spec.of(spec, {"simulations": DEFAULT_SIMULATIONS})
     folder, seed = new_folder() if out is None else out, spec.seed
-    if seed is None and (folder / DATABASE).is_file():
+    if seed is None and (folder / DATABASE).is_file():  # a search that is resumed
         with CampaignStore.open(folder) as store:
-            recorded = store.config.get("seed")
-            seed = recorded if isinstance(recorded, int) else None
-    spec = Spec.of(spec, {"seed": secrets.randbelow(2**31) if seed is None else seed})
-    answers = sys.stdout
+            recorded_seed = store.config.get("seed")
+            seed = recorded_seed if isinstance(recorded_seed, int) else None
+    spec = Spec.of(spec, {"seed": secrets.randbelow(SEED_LIMIT) if seed is None else seed})
+    client = sys.stdout
 
     def answer(message: Any) -> None:
-        print(json.dumps(message), file=answers, flush=True)
+        print(json.dumps(message), file=client, flush=True)
 
-    with redirect_stdout(sys.stderr):  # a strategy's prints, say
+    with redirect_stdout(sys.stderr):  # what a strategy prints must not mix with the answers
         with as_usage_error():
             campaign = ClientCampaign(
-                _lines(),
+                _request_lines(),
                 answer,
                 name=name,
                 strategy=spec.make_strategy(),
@@ -75,6 +77,6 @@ def ask_tell(
     echo(f"{summary.as_text()}, results in {folder}", err=True)
 
 
-def _lines() -> Iterator[str]:
-    """Return the lines of stdin; bytes that are no UTF-8 become surrogates."""
+def _request_lines() -> Iterator[str]:
+    """Yield the lines of stdin; bytes that are no UTF-8 become surrogates."""
     yield from (line.decode("utf-8", "surrogateescape") for line in sys.stdin.buffer)

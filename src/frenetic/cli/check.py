@@ -1,4 +1,4 @@
-"""The command that checks a campaign's database: check."""
+"""The command `check`, which looks for damage in a campaign's database."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ from frenetic.cli import echo
 from frenetic.cli.console import print_facts
 from frenetic.cli.options import campaign_argument, json_option
 
-SHOWN: Final = 20
-"""Most findings that are printed."""
+MAX_FINDINGS: Final = 20
+"""Most findings that are printed (our choice); the JSON has all."""
 
 
 @click.command()
@@ -23,20 +23,20 @@ SHOWN: Final = 20
 def check(campaign: Path, as_json: bool) -> None:
     """Check the database of a CAMPAIGN, and say what it holds.
 
-    Reads everything and changes nothing. The campaign may be running. Prints a line per finding;
-    the exit code is 1 if there is any, otherwise 0.
+    The command reads everything and changes nothing, also while the campaign runs. Each fault is a
+    finding, which is printed in a line; the exit code is 1 if there are findings, otherwise 0.
     """
     from frenetic.campaign.check import check_campaign
 
     report = check_campaign(campaign)
     counts, findings = report.counts, report.findings
-    waiting = report.asked - counts.result_count
+    outstanding = report.asked - counts.result_count
     if as_json:
         values = {
             "folder": str(report.folder),
             "findings": findings,
             **counts.counts_json(),
-            "outstanding": waiting,
+            "outstanding": outstanding,
             "trajectories": report.trajectories,
             "bytes": report.size,
         }
@@ -48,15 +48,15 @@ def check(campaign: Path, as_json: bool) -> None:
             [
                 ("campaign", str(report.folder)),
                 ("results", counts.as_text()),
-                ("waiting", f"{waiting:,} asked and not told"),
+                ("waiting", f"{outstanding:,} candidates without a result"),
                 ("drives", f"{report.trajectories:,} trajectories"),
                 ("on disk", f"{report.size / 1e6:,.1f} MB{per_result}"),
             ]
         )
-        for finding in findings[:SHOWN]:
+        for finding in findings[:MAX_FINDINGS]:
             echo(finding)
-        if len(findings) > SHOWN:
-            echo(f"{len(findings) - SHOWN:,} more")
+        if len(findings) > MAX_FINDINGS:
+            echo(f"{len(findings) - MAX_FINDINGS:,} more")
         text = counted(len(findings), "finding") if findings else "nothing is wrong"
         print_facts([("check", text)])
     if findings:

@@ -1,4 +1,4 @@
-"""The command that compares campaigns: compare."""
+"""The command `compare`, which compares groups of campaigns, or two versions of a driver."""
 
 from __future__ import annotations
 
@@ -14,9 +14,10 @@ import click
 from rich.markup import escape
 
 from frenetic.cli import echo
+from frenetic.cli.command_options import CommandOptions
 from frenetic.cli.compare_versions import compare_versions
 from frenetic.cli.console import Log, print_table
-from frenetic.cli.entries import CommandOptions, as_option, entry_option, trust_option, was_given
+from frenetic.cli.entries import as_option, entry_option, trust_option, was_given
 from frenetic.cli.options import (
     NewFile,
     count_option,
@@ -29,12 +30,14 @@ from frenetic.errors import FreneticError
 if TYPE_CHECKING:
     from frenetic.analysis.comparison import Comparison, MeasureComparison
 
-_WILD: Final = "*?["
+_WILDCARDS: Final = "*?["
+"""Signs that stand for parts of a folder's name."""
 _SUFFIXES: Final = (".html", ".png", ".svg", ".pdf")
-_MOST_COLUMNS: Final = 3
-"""Most groups side by side; more are listed one below the other."""
-_MOST_MEASURES: Final = 4
-"""Most measures side by side."""
+"""Suffixes of files that `compare` can write."""
+_MAX_GROUPS_ACROSS: Final = 3
+"""Most groups that are columns of a table; more groups are rows (our choice)."""
+_MAX_MEASURES_ACROSS: Final = 4
+"""Most measures that are columns of a table (our choice)."""
 
 
 @click.command()
@@ -73,9 +76,9 @@ def compare(
     the order of the groups by distinct failures.
 
     With --driver or --as it says instead whether that driver beats the campaign's driver. Both
-    drive on fresh random roads (of the campaign's domain, if it has one), which decide, and on the
-    roads on which the campaign failed. After Ctrl-C the same command goes on. The exit code is 0 if
-    the new driver is better, 1 if it is worse, 3 if the drives show neither.
+    drive on fresh random roads (of the campaign's domain, if it has one), which decide the answer,
+    and on the roads on which the campaign failed. After Ctrl-C the same command continues. The exit
+    code is 0 if the new driver is better, 1 if it is worse, 3 if the drives show neither.
     """
     from frenetic.analysis.comparison import compare as compare_groups
 
@@ -87,8 +90,9 @@ def compare(
             )
         folder = Path(places[0])
         compare_versions(folder, new_driver, fresh=fresh, workers=workers, as_json=as_json)
-    for name, option in {"fresh": "fresh", "workers": "workers", "is_trusted": "trust"}.items():
-        if was_given(context, name):
+    new_driver_options = {"fresh": "fresh", "workers": "workers", "is_trusted": "trust"}
+    for parameter, option in new_driver_options.items():
+        if was_given(context, parameter):
             raise click.UsageError(f"--{option} is for a new version of a driver: add --driver")
     for path in out:
         if path.suffix.lower() not in _SUFFIXES:
@@ -113,8 +117,8 @@ def _write(comparison: Comparison, path: Path, places: Sequence[str]) -> None:
     if path.suffix.lower() == ".html":
         from frenetic.report.html.comparison import write_comparison_page
 
-        words = ["frenetic", "compare", *places, "--out", str(path)]
-        write_comparison_page(comparison, path, command=shlex.join(words))
+        command = shlex.join(["frenetic", "compare", *places, "--out", str(path)])
+        write_comparison_page(comparison, path, command=command)
     else:
         from frenetic.report.plots import draw_comparison
 
@@ -122,29 +126,35 @@ def _write(comparison: Comparison, path: Path, places: Sequence[str]) -> None:
 
 
 def grouped(places: tuple[str, ...]) -> dict[str, list[Path]]:
-    """Return the groups of campaigns that a command line names, in the order of the command line.
+    """Return the groups of campaigns that a command line names: name -> folders.
+
+    Named groups come first, in the order of the command line.
+
+    Args:
+        places: arguments FOLDER or NAME=FOLDER[,FOLDER...].
 
     Raises:
-        FreneticError: a place holds no campaign, or two groups have one name.
+        FreneticError: a place holds no campaign.
+        click.UsageError: an argument has another form, or two groups have one name.
     """
     from frenetic.analysis.groups import group_campaigns
 
-    named: dict[str, list[Path]] = {}
-    nameless: list[Path] = []
+    named_groups: dict[str, list[Path]] = {}
+    ungrouped: list[Path] = []
     for place in places:
-        name, equals, listed = place.partition("=")
-        if not equals or Path(place).exists():
-            nameless += _campaigns_in(place)
+        name, equals, folders = place.partition("=")
+        if not equals or Path(place).exists():  # the name of a folder may hold "="
+            ungrouped += _campaigns_in(place)
             continue
-        if not name or not listed:
+        if not name or not folders:
             raise click.UsageError(f"{place!r} is not NAME=FOLDER, nor is it a folder")
-        members = named.setdefault(name, [])
-        for part in [listed] if Path(listed).exists() else listed.split(","):
-            members += _campaigns_in(part)
-    others = group_campaigns(nameless)
-    if twice := named.keys() & others.keys():
-        raise click.UsageError(f"two groups are called {', '.join(twice)}: choose other names")
-    return {**named, **others}
+        group = named_groups.setdefault(name, [])
+        for folder in [folders] if Path(folders).exists() else folders.split(","):
+            group += _campaigns_in(folder)
+    other_groups = group_campaigns(ungrouped)
+    if repeated := named_groups.keys() & other_groups.keys():
+        raise click.UsageError(f"two groups are called {', '.join(repeated)}: choose other names")
+    return {**named_groups, **other_groups}
 
 
 def _campaigns_in(place: str) -> list[Path]:
@@ -155,9 +165,13 @@ def _campaigns_in(place: str) -> list[Path]:
 
 
 def _expanded(place: str) -> list[Path]:
-    """Return the paths of a place with * or ?, which no shell expands after NAME=."""
+    """Return the folders for which a place with * or ? stands; no shell expands it after NAME=.
+
+    Raises:
+        FreneticError: the place stands for no folder.
+    """
     path = Path(place)
-    if path.exists() or not any(sign in place for sign in _WILD):
+    if path.exists() or not any(wildcard in place for wildcard in _WILDCARDS):
         return [path]
     root = Path(path.anchor)
     pattern = str(path.relative_to(root)) if path.anchor else place
@@ -168,27 +182,7 @@ def _expanded(place: str) -> list[Path]:
 
 
 def comparison_document(comparison: Comparison) -> dict[str, Any]:
-    """Return a comparison as a JSON object; events that never happened are null."""
-
-    def number(value: float) -> float | None:
-        return value if math.isfinite(value) else None
-
-    def measure_document(measured: MeasureComparison) -> dict[str, Any]:
-        return {
-            **asdict(measured.measure),
-            "groups": {
-                name: {
-                    "values": [number(value) for value in values],
-                    **{k: number(v) for k, v in asdict(measured.quartiles(name)).items()},
-                }
-                for name, values in measured.values.items()
-            },
-            "pairs": [
-                {**asdict(pair), "magnitude": pair.magnitude, "verdict": pair.verdict}
-                for pair in measured.pairs
-            ],
-        }
-
+    """Return a comparison as a JSON object; null stands for values that are infinite or unknown."""
     return {
         "groups": {
             name: [
@@ -202,10 +196,36 @@ def comparison_document(comparison: Comparison) -> dict[str, Any]:
             ]
             for name, campaigns in comparison.groups.items()
         },
-        "measures": [measure_document(measured) for measured in comparison.measures],
+        "measures": [_measure_document(measured) for measured in comparison.measures],
         "order": list(comparison.headline.order),
         "notes": list(comparison.notes),
     }
+
+
+def _measure_document(measured: MeasureComparison) -> dict[str, Any]:
+    """Return the comparison by a measure as a JSON object."""
+    return {
+        **asdict(measured.measure),
+        "groups": {
+            name: {
+                "values": [_finite(value) for value in values],
+                **{
+                    quartile: _finite(value)
+                    for quartile, value in asdict(measured.quartiles(name)).items()
+                },
+            }
+            for name, values in measured.values.items()
+        },
+        "pairs": [
+            {**asdict(pair), "magnitude": pair.magnitude, "verdict": pair.verdict}
+            for pair in measured.pairs
+        ],
+    }
+
+
+def _finite(value: float) -> float | None:
+    """Return a value for JSON, which holds finite numbers only; None for others."""
+    return value if math.isfinite(value) else None
 
 
 def print_comparison(comparison: Comparison) -> None:
@@ -216,52 +236,64 @@ def print_comparison(comparison: Comparison) -> None:
     from frenetic.analysis.comparison_text import verdict
     from frenetic.campaign.counts import Counts
 
-    sizes = ", ".join(f"{len(campaigns)} of {n}" for n, campaigns in comparison.groups.items())
+    groups = comparison.groups
+    sizes = ", ".join(f"{len(campaigns)} of {name}" for name, campaigns in groups.items())
     echo(f"Campaigns: {sizes}")
-    for name, campaigns in comparison.groups.items():
+    for name, campaigns in groups.items():
         echo(f"{name}: {Counts.total(campaign.counts for campaign in campaigns).as_text()}")
-    if len(comparison.groups) <= _MOST_COLUMNS:
+    has_few_groups = len(groups) <= _MAX_GROUPS_ACROSS
+    if has_few_groups:
         _print_by_measure(comparison)
     else:
         _print_by_group(comparison)
-    if len(comparison.groups) < 2:
+    if len(groups) < 2:
         return
-    by = comparison.headline
-    few = len(comparison.groups) <= _MOST_COLUMNS
-    _print_pairs(comparison.measures if few else [by], several=len(comparison.groups) > 2)
+    headline = comparison.headline
+    compared = comparison.measures if has_few_groups else [headline]
+    _print_pairs(compared, has_several_pairs=len(groups) > 2)
     order = ", ".join(
-        f"{by.positions[n]}. {n} ({by.measure.text(by.quartiles(n).median)})" for n in by.order
+        f"{headline.positions[name]}. {name}"
+        f" ({headline.measure.text(headline.quartiles(name).median)})"
+        for name in headline.order
     )
-    echo(f"Order by {by.measure.title} (median): {order}")
+    echo(f"Order by {headline.measure.title} (median): {order}")
     echo(verdict(comparison))
 
 
 def _print_by_measure(comparison: Comparison) -> None:
-    """Print a row per measure."""
+    """Print medians in a row for each measure, with a column for each group."""
     groups = comparison.groups
     print_table(
         ("", *(f">{escape(name)}" for name in groups)),
-        [(by.measure.heading, *map(by.text, groups)) for by in comparison.measures],
+        [
+            (measured.measure.heading, *map(measured.text, groups))
+            for measured in comparison.measures
+        ],
         title="Median (quartiles)",
     )
 
 
 def _print_by_group(comparison: Comparison) -> None:
-    """Print a row per group, with as many measures side by side as are readable."""
-    for start in range(0, len(comparison.measures), _MOST_MEASURES):
-        beside = comparison.measures[start : start + _MOST_MEASURES]
+    """Print medians in a row for each group, in tables of a few measures."""
+    for start in range(0, len(comparison.measures), _MAX_MEASURES_ACROSS):
+        across = comparison.measures[start : start + _MAX_MEASURES_ACROSS]
         print_table(
-            ("", *(f">{by.measure.heading}" for by in beside)),
-            [(name, *(by.text(name) for by in beside)) for name in comparison.headline.order],
+            ("", *(f">{measured.measure.heading}" for measured in across)),
+            [
+                (name, *(measured.text(name) for measured in across))
+                for name in comparison.headline.order
+            ],
             title="Median (quartiles)" if start == 0 else None,
         )
 
 
-def _print_pairs(measures: Sequence[MeasureComparison], *, several: bool) -> None:
+def _print_pairs(measures: Sequence[MeasureComparison], *, has_several_pairs: bool) -> None:
+    """Print effect and p of each pair of groups, by each measure."""
     from frenetic.analysis.comparison_text import pair_rows
 
+    p_heading = ">p (Holm)" if has_several_pairs else ">p"
     print_table(
-        ("", "what can be said", ">A12", ">effect", ">p (Holm)" if several else ">p"),
+        ("", "what can be said", ">A12", ">effect", p_heading),
         list(pair_rows(measures)),
         title="Differences",
     )

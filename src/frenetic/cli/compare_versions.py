@@ -1,19 +1,21 @@
-"""The part of compare that compares two versions of a driver."""
+"""The part of the command `compare` that compares two versions of a driver."""
 
 from __future__ import annotations
 
 import json
 from contextlib import chdir
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NoReturn
+from typing import TYPE_CHECKING, Any, Final, NoReturn
 
 import click
 from msgspec import structs
 
-from frenetic._support.words import counted, part_word
+from frenetic._support.option_text import part_word
+from frenetic._support.words import counted
 from frenetic.cli import echo
+from frenetic.cli.command_options import CommandOptions
 from frenetic.cli.console import Log, print_table, shell
-from frenetic.cli.entries import CommandOptions
 from frenetic.cli.rerun_options import campaign_source, interrupted, shown_driving
 from frenetic.errors import CampaignError, FreneticError
 from frenetic.spec import Spec
@@ -21,33 +23,49 @@ from frenetic.spec import Spec
 if TYPE_CHECKING:
     from frenetic.rerun.back_to_back import BackToBack
 
+_NO_DIFFERENCE_SHOWN: Final = 3
+"""Exit code if the drives show neither driver to be better."""
+
+
+@dataclass(frozen=True)
+class _Versions:
+    """Specs of two versions of a driver."""
+
+    old: Spec
+    new: Spec
+    code_folder: Path
+    """Folder in which the new version has to be made."""
+
 
 def compare_versions(
     folder: Path, options: CommandOptions, *, fresh: int, workers: int, as_json: bool
 ) -> NoReturn:
-    """Say whether a new driver is better than a campaign's driver, and end the command.
+    """Print whether a new driver is better than a campaign's driver, and end the command.
 
     Args:
         folder: folder of the campaign.
         options: the options ``--driver`` and ``--as``.
         fresh: number of fresh random roads.
-        workers: roads driven at once.
+        workers: number of roads driven at once.
         as_json: whether to print the result as JSON.
+
+    Raises:
+        click.exceptions.Exit: always, with the exit code that says which driver is better.
     """
     from frenetic.rerun.back_to_back import BETTER, WORSE
 
-    old, new, place = _specs(folder, options)
-    is_trusted = options.is_trusted
-    result = _driven(folder, old, new, place, workers, fresh=fresh, is_trusted=is_trusted)
+    versions = _versions(folder, options)
+    result = _drive_both(folder, versions, workers, fresh=fresh, is_trusted=options.is_trusted)
     if as_json:
         echo(json.dumps(result.as_json()))
     else:
-        _print(result, old, new)
-    raise click.exceptions.Exit({BETTER: 0, WORSE: 1}.get(result.verdict, 3))
+        _print(result, versions)
+    exit_codes = {BETTER: 0, WORSE: 1}
+    raise click.exceptions.Exit(exit_codes.get(result.verdict, _NO_DIFFERENCE_SHOWN))
 
 
-def _specs(folder: Path, options: CommandOptions) -> tuple[Spec, Spec, Path]:
-    """Return the specs of both versions, and the folder in which the new driver is made.
+def _versions(folder: Path, options: CommandOptions) -> _Versions:
+    """Return the specs of both versions, after checking that the user trusts their code.
 
     Raises:
         CampaignError: the campaign was started from Python, or its record is damaged.
@@ -73,11 +91,13 @@ def _specs(folder: Path, options: CommandOptions) -> tuple[Spec, Spec, Path]:
         old = Spec.of(source.spec)
         CommandOptions(is_trusted=options.is_trusted).trusted(old, source)
         new = structs.replace(old, driver=_new_driver(folder, old, options))
-        return old, *options.trusted(new, source, of_file=("driver",), noted=("simulator",))
+        # The folder of the simulator, which both versions have, was told for the old one.
+        new, code_folder = options.trusted(new, source, of_file=("driver",), noted=("simulator",))
+        return _Versions(old, new, code_folder)
 
 
 def _new_driver(folder: Path, old: Spec, options: CommandOptions) -> str | None:
-    """Return the new driver; the file of ``--as`` must agree with the campaign in all else.
+    """Return the new driver, of ``--driver`` or of the file of ``--as``.
 
     Raises:
         FreneticError: the file of ``--as`` names no driver, or differs in more than the driver.
@@ -97,9 +117,22 @@ def _new_driver(folder: Path, old: Spec, options: CommandOptions) -> str | None:
     return options.over(old).driver
 
 
-def _driven(
-    folder: Path, old: Spec, new: Spec, place: Path, workers: int, *, fresh: int, is_trusted: bool
+def _drive_both(
+    folder: Path, versions: _Versions, workers: int, *, fresh: int, is_trusted: bool
 ) -> BackToBack:
+    """Drive both versions on fresh roads and on the roads on which the old version failed.
+
+    Args:
+        folder: folder of the campaign.
+        versions: specs of both versions.
+        workers: number of roads driven at once.
+        fresh: number of fresh random roads.
+        is_trusted: whether the command line has ``--trust``.
+
+    Raises:
+        click.exceptions.Exit: drives are left after Ctrl-C.
+        FreneticError: both versions are the same.
+    """
     from frenetic.campaign import CampaignStore, RoadTester
     from frenetic.rerun.back_to_back import check_differ
     from frenetic.rerun.back_to_back import compare_versions as compared
@@ -110,40 +143,46 @@ def _driven(
         drives = 2 * fresh + store.counts().failed
         recorded, terms = recorded_driver(store), store.setting.terms
     # The new version is made first, so that a mistake in it shows before the old version drives.
-    with chdir(place):
-        tester = RoadTester.of(new, terms)
+    with chdir(versions.code_folder):
+        tester = RoadTester.of(versions.new, terms)
     check_differ(recorded, tester.described["driver"])
     with shown_driving(log, "Driving both versions", drives) as on_event:
         driving: Any = {"workers": workers, "isolate": True, "on_event": on_event}
-        roads = fresh_roads_as_recorded(folder, old, fresh=fresh, is_trusted=is_trusted, **driving)
+        roads = fresh_roads_as_recorded(
+            folder, versions.old, fresh=fresh, is_trusted=is_trusted, **driving
+        )
         result = compared(roads, tester, **driving)
     if result.missing:
         raise interrupted(log, f"{counted(result.missing, 'drive')} to go")
     return result
 
 
-def _print(result: BackToBack, old: Spec, new: Spec) -> None:
-    from frenetic.parts.versions import innermost, short_version
+def _print(result: BackToBack, versions: _Versions) -> None:
+    """Print which driver is better, and the numbers from which that follows."""
+    from frenetic.parts.records import innermost, short_version
     from frenetic.rerun.stability import Change
 
     echo(result.answer)
-    for version, spec, driver in (("old", old, result.old), ("new", new, result.new)):
-        echo(f"{version}: {shell(str(spec.part('driver')))} ({short_version(innermost(driver))})")
+    for version, spec, record in (
+        ("old", versions.old, result.old),
+        ("new", versions.new, result.new),
+    ):
+        echo(f"{version}: {shell(str(spec.part('driver')))} ({short_version(innermost(record))})")
     if result.domain is not None:
         echo(f"domain: {result.domain.as_text()}")
-    sets = {"fresh roads": result.fresh, "old's failing roads": result.known}
+    road_sets = {"fresh roads": result.fresh, "old's failing roads": result.known}
     print_table(
         ("", ">judged", ">old fails", ">new fails", *(f">{change}" for change in Change)),
         [
             (name, len(roads.judged), *roads.failing, *(roads.changes[change] for change in Change))
-            for name, roads in sets.items()
+            for name, roads in road_sets.items()
             if roads.pairs
         ],
     )
     if result.causes:
         print_table(
             ("what the driver does", ">old fails", ">new fails"),
-            [(cause, *roads) for cause, roads in result.causes.items()],
+            [(cause, *failures) for cause, failures in result.causes.items()],
             title="On all these roads",
         )
     for note in result.notes:

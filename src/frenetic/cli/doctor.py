@@ -1,4 +1,4 @@
-"""The command that checks the simulators: doctor."""
+"""The command `doctor`, which checks the simulators on this machine."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from frenetic._support.words import read_part
+from frenetic._support.option_text import read_part
 from frenetic.cli import echo
 from frenetic.cli.console import Log, announced_compilation
 from frenetic.cli.entries import entry_option
@@ -29,8 +29,8 @@ if TYPE_CHECKING:
 def doctor(simulator: Spec | None, as_json: bool) -> None:
     """Check the simulators on this machine and say what is wrong and what to do.
 
-    Use --simulator and its options for a simulator that needs a licence or a place. The exit code
-    is 0 if all checks pass, 1 otherwise.
+    A simulator that needs a licence or an address is checked with --simulator NAME and its options.
+    The exit code is 0 if all checks pass, 1 otherwise.
     """
     from frenetic.simulators.doctor import Health, examine, examine_all
 

@@ -1,34 +1,29 @@
-"""The command that drives single roads, from a file or of a campaign: drive."""
+"""The command `drive`, which drives single roads of a file or of a campaign's tests."""
 
 from __future__ import annotations
 
 import json
 from collections import deque
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import ExitStack, chdir
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
 from frenetic.cli import echo
-from frenetic.cli.console import (
-    Log,
-    announced_compilation,
-    facts_of_drive,
-    limit_text,
-    print_facts,
-    print_measures,
-    shell,
+from frenetic.cli.command_options import CommandOptions
+from frenetic.cli.console import Log, announced_compilation, print_facts
+from frenetic.cli.drive_facts import facts_of_drive, limit_text, print_measures
+from frenetic.cli.drive_plan import (
+    DrivePlan,
+    RoadToDrive,
+    plan_for_campaign,
+    plan_for_file,
+    plan_for_map,
 )
-from frenetic.cli.entries import (
-    CommandOptions,
-    entry_option,
-    entry_options,
-    part_options,
-    trust_option,
-)
+from frenetic.cli.entries import entry_option, entry_options, part_options, trust_option
 from frenetic.cli.options import (
     NewFile,
     file_option,
@@ -37,39 +32,14 @@ from frenetic.cli.options import (
     road_option,
     source_arguments,
 )
-from frenetic.cli.rerun_options import campaign_spec, file_spec
-from frenetic.conditions.condition import as_text, without
-from frenetic.spec import Spec
+from frenetic.conditions.condition import as_text
 
 if TYPE_CHECKING:
-    from frenetic.campaign import RoadTester, Test
-    from frenetic.oracle.drive import Drive, Rules
+    from frenetic.campaign import RoadTester
+    from frenetic.oracle.drive import Drive
     from frenetic.oracle.verdict import Result
-    from frenetic.road import Road, Verdict
-    from frenetic.road.files import RoadFile
-    from frenetic.road.opendrive import Stretch
-
-
-@dataclass(frozen=True)
-class Asked:
-    """A road to drive."""
-
-    name: str
-    road: Road
-    """The road, placed on the map if it fits."""
-    verdict: Verdict
-    test: Test | None = None
-    """The test of a campaign; None for a road file."""
-    campaign: Mapping[str, Any] | None = None
-    """The campaign's configuration."""
-    recorded: object = None
-    """The driver in a road's file."""
-    conditions: Mapping[str, float] = field(default_factory=dict)
-    """Conditions of the test without those that the command line sets."""
-    notes: tuple[str, ...] = ()
-    """Sentences about roads of a map that do not quite meet."""
-    behind: Callable[[float], Asked | None] | None = None
-    """Distance along a map's stretch, in m -> the road behind it; None for other roads."""
+    from frenetic.road import Road
+    from frenetic.spec import Spec
 
 
 @click.command()
@@ -100,20 +70,20 @@ def drive(
 ) -> None:
     """Drive the road of a file or of a campaign's tests, and say what happened.
 
-    The tests of a CAMPAIGN are driven as it drove them, and it is said whether they end as they did
-    there; the file of a failing road is driven so, too. With options that change driver, simulator,
-    rules or conditions nothing is compared. A ROAD is JSON with curvatures (1/m) or road_points, a
-    test file of the competition, or OpenDRIVE; where it holds a list of tests, ID is the number of
-    one. A road that lies elsewhere is moved into the map; an invalid one is not driven. With --road
-    the roads of a map are driven where they lie, valid or not; where the car leaves its lane the
-    drive goes on behind that place as another one. The exit code is 1 if a road is INVALID or the
-    simulator broke (ERROR).
+    The tests of a CAMPAIGN are driven as the campaign drove them, and the command says whether they
+    end in the same way; the file of a failing road is driven so, too. With options that change
+    driver, simulator, rules or conditions nothing is compared. A ROAD is JSON with curvatures (1/m)
+    or road_points, a test file of the competition, or OpenDRIVE; in a file with a list of tests, ID
+    is the number of a test. A road that lies elsewhere is moved into the map; an invalid road is
+    not driven. With --road the roads of a map are driven where they lie, valid or not; where the
+    car leaves its lane, another drive starts after that place. The exit code is 1 if a road is
+    INVALID or the simulator broke (ERROR).
     """
-    options, rules = CommandOptions.of(context), None
+    options = CommandOptions.of(context)
     if source.is_dir():
         if lane is not None or map_roads is not None:
             raise click.UsageError("--lane and --road are for OpenDRIVE, not for a campaign's test")
-        (spec, folder), rules, roads = _of_campaign(options, source, test_ids, dry=dry)
+        plan = plan_for_campaign(options, source, test_ids, is_dry=dry)
     elif len(test_ids) > 1:
         raise click.UsageError(
             f"{source} is no campaign's folder: name one ID of its list of tests"
@@ -123,19 +93,16 @@ def drive(
             raise click.UsageError("--road is for OpenDRIVE, an ID for a list of tests")
         if options.says("map_size"):
             raise click.UsageError("--road drives roads where they lie: leave out --map-size")
-        (spec, folder), roads = _of_map(options, source, map_roads, lane)
+        plan = plan_for_map(options, source, map_roads, lane)
     else:
-        number = next(iter(test_ids), None)
-        (spec, folder), roads = _of_file(options, source, lane, number, dry=dry)
-    if plot is not None and (dry or len(roads) > 1):
+        test_id = test_ids[0] if test_ids else None
+        plan = plan_for_file(options, source, lane, test_id, is_dry=dry)
+    has_one_road = len(plan.targets) == 1
+    if plot is not None and (dry or not has_one_road):
         raise click.UsageError("--plot draws one drive: leave it out with --dry or several roads")
-    if dry:
-        documents = _judged(spec, folder, roads)
-    else:
-        documents = _driven(spec, folder, rules, roads, plot, is_quiet=as_json)
+    documents = _judge(plan) if dry else _drive(plan, plot, is_quiet=as_json)
     if as_json:
-        several = len(roads) > 1 or map_roads is not None
-        echo(json.dumps(documents if several else documents[0]))
+        echo(json.dumps(documents[0] if has_one_road and map_roads is None else documents))
     elif dry:
         for document in documents:
             text = "valid" if document["valid"] else f"INVALID  {document['message']}"
@@ -147,208 +114,108 @@ def drive(
         raise click.exceptions.Exit(1)
 
 
-def _of_campaign(
-    options: CommandOptions, folder: Path, test_ids: tuple[int, ...], *, dry: bool
-) -> tuple[tuple[Spec, Path], Rules | None, list[Asked]]:
-    """Return a campaign's spec with the folder of its code, its recorded rules, and the roads."""
-    from frenetic.campaign import CampaignStore
-    from frenetic.rerun.rerun import recorded_rules
-
-    if not test_ids:
-        raise click.UsageError(
-            f"{folder} is a folder: say which tests of the campaign, or name a road file"
-        )
-    if options.says("map_size"):
-        raise click.UsageError("--map-size is for a ROAD file: a campaign has its own map")
-    with CampaignStore.open(folder) as store:
-        tests = [store.test(number) for number in dict.fromkeys(test_ids)]
-        is_made = not dry or any(not test.road.is_plain for test in tests)
-        config = store.config
-        spec, place = campaign_spec(store, options, checked=is_made)
-        terms, rules = store.setting, recorded_rules(store, spec)
-    instead = options.conditions(spec)
-    roads = []
-    for test in tests:
-        fitted, verdict = test.road.placed(terms.map_size, terms.map_margin, terms.road_class)
-        name, conditions = f"{folder} {test.id}", without(test.candidate.conditions, *instead)
-        road = fitted or test.road
-        roads.append(Asked(name, road, verdict, test, config, conditions=conditions))
-    return (spec, place), rules, roads
-
-
-def _of_file(
-    options: CommandOptions, path: Path, lane: int | None, test_id: int | None, *, dry: bool
-) -> tuple[tuple[Spec, Path], list[Asked]]:
-    """Return spec, folder and road of a road file; ``--dry`` checks its points where they lie."""
-    from frenetic.road import Verdict
-    from frenetic.road.files import read_road
-
-    file = read_road(path, lane=lane, test=test_id)
-    road = file.road()
-    spec, folder = file_spec(options, file, checked=not dry or not road.is_plain)
-    terms = spec.terms
-    fitted, verdict = road.placed(terms.map_size, road_class=terms.road_class)
-    if dry:
-        verdict = file.check_validity(terms.map_size, terms.road_class)
-    if fitted is None:
-        verdict = Verdict(False, f"{verdict.message}; {_larger_map(file, road, spec)}")
-    name = str(path) if test_id is None else f"{path} {test_id}"
-    asked = Asked(name, fitted or road, verdict, recorded=file.entries.get("driver"))
-    return (spec, folder), [asked]
-
-
-def _larger_map(file: RoadFile, road: Road, spec: Spec) -> str:
-    """Say what to do with a road that does not fit the map."""
-    if file.map_road is not None:
-        return f"--road {shell(file.map_road)} drives it where it lies"
-    map_size = spec.terms.map_size
-    while (fitted := road.fitted(map_size)) is None:
-        map_size += 100.0
-    verdict = fitted.check_validity(map_size, spec.road_class)
-    if not verdict.valid:
-        return (
-            f"on one of {map_size:g} m it is refused, too: {verdict.message}; export it as"
-            " OpenDRIVE and drive that file with --road 1, which drives a road where it lies"
-        )
-    return f"--map-size {map_size:g} has room for it"
-
-
-def _of_map(
-    options: CommandOptions, path: Path, map_roads: str, lane: int | None
-) -> tuple[tuple[Spec, Path], list[Asked]]:
-    """Return spec, folder and roads of a map; the roads stay where they lie."""
-    from frenetic.errors import RoadError
-    from frenetic.road import Verdict
-    from frenetic.road.files import read_stretches
-    from frenetic.search.continuations import MIN_REST_TIME
-    from frenetic.simulators.conditions import rules_in
-
-    spec, folder = options.trusted(options.over(Spec(), has_roads=False))
-    road_map, stretches = read_stretches(path, map_roads, lane=lane)
-
-    def asked(stretch: Stretch) -> Asked:
-        def behind(place: float) -> Asked | None:
-            rules = rules_in(spec.conditions, spec.rules)
-            rest_limits = rules.speed_limits_on(stretch.road)[:, 1]
-            if stretch.road.length - place < MIN_REST_TIME * float(rest_limits.max()) / 3.6:
-                return None
-            try:
-                (rest,) = road_map.stretches(stretch.rest_name(place), lane=lane)
-            except RoadError:
-                return None
-            return asked(rest)
-
-        verdict = Verdict(True, "")
-        if spec.road_class is not None:
-            verdict = spec.road_class.verdict(stretch.road)
-        name = f"{path} --road {stretch.name}"
-        return Asked(name, stretch.road, verdict, notes=stretch.notes, behind=behind)
-
-    for stretch in stretches:
-        for note in stretch.notes:
-            Log().print(f"Note: {note}", markup=False)
-    return (spec, folder), [asked(stretch) for stretch in stretches]
-
-
-def _judged(spec: Spec, folder: Path, roads: list[Asked]) -> list[dict[str, Any]]:
-    """Say which roads are valid; parts are made only for a road that leans, rises or widens."""
+def _judge(plan: DrivePlan) -> list[dict[str, Any]]:
+    """Return for JSON which roads are valid, without driving them."""
     from frenetic.campaign import RoadTester
 
     documents = []
-    for asked in roads:
-        reason = asked.verdict.message
-        if asked.verdict and not asked.road.is_plain:
-            with chdir(folder):
-                tester = RoadTester.of(spec)
-            reason = _cannot_be_driven(tester, asked.road)
-        notes = {"notes": list(asked.notes)} if asked.notes else {}
-        documents.append({"road": asked.name, "valid": not reason, "message": reason, **notes})
+    for target in plan.targets:
+        reason = target.verdict.message
+        if target.verdict and not target.road.is_plain:  # only then a simulator may refuse it
+            with chdir(plan.code_folder):
+                tester = RoadTester.of(plan.spec)
+            reason = _refusal(tester, target.road)
+        notes = {"notes": list(target.notes)} if target.notes else {}
+        documents.append({"road": target.name, "valid": not reason, "message": reason, **notes})
     return documents
 
 
-def _driven(
-    spec: Spec,
-    folder: Path,
-    rules: Rules | None,
-    roads: list[Asked],
-    plot: Path | None,
-    *,
-    is_quiet: bool,
-) -> list[dict[str, Any]]:
-    """Drive the valid roads; print what happened, unless quiet, and return it for JSON."""
+def _drive(plan: DrivePlan, plot: Path | None, *, is_quiet: bool) -> list[dict[str, Any]]:
+    """Drive the valid roads; print what happened, unless quiet, and return it for JSON.
+
+    Args:
+        plan: the roads, and how they are driven.
+        plot: file for the picture of the only drive; None for no picture.
+        is_quiet: whether nothing is printed.
+    """
     from frenetic.campaign import RoadTester
     from frenetic.campaign.workers import driving
     from frenetic.oracle.outcome import Outcome
     from frenetic.oracle.verdict import Result, judge
 
-    with chdir(folder):
-        tester = RoadTester.of(spec, rules=rules)
+    with chdir(plan.code_folder):
+        tester = RoadTester.of(plan.spec, rules=plan.rules)
     documents: list[dict[str, Any]] = []
     with ExitStack() as entered:
         compiled = entered.enter_context(announced_compilation(Log()))
-        drive_road, waiting = None, deque(roads)
+        drive_road, waiting = None, deque(plan.targets)
         while waiting:
-            asked = waiting.popleft()
-            road, the_drive = asked.road, None
-            reason = asked.verdict.message or _cannot_be_driven(tester, road)
+            target, driven = waiting.popleft(), None
+            reason = target.verdict.message or _refusal(tester, target.road)
             result = Result(Outcome.INVALID, reason)
             if not reason:
-                if drive_road is None:
+                if drive_road is None:  # the simulator starts only if there is a valid road
                     drive_road = entered.enter_context(driving(tester, isolate=True))
                     compiled()
-                the_drive = drive_road(road, asked.conditions)
-                result = judge(road, the_drive)
+                driven = drive_road(target.road, target.conditions)
+                result = judge(target.road, driven)
             if plot is not None:
-                _draw(asked, result, the_drive, plot)
-            document = _document(asked, result, the_drive, tester, plot)
+                _draw(target, result, driven, plot)
+            document = _document(target, result, driven, tester, plot)
             documents.append(document)
             if not is_quiet:
-                _print(spec, tester, asked, result, document)
-                if spec.rules.criteria or (len(roads) == 1 and asked.behind is None):
-                    print_measures(document.get("measures", []), spec.rules.criteria)
-            if asked.behind is not None and result.departure is not None and plot is None:
-                rest = asked.behind(result.departure.distance)
-                waiting.extendleft([] if rest is None else [rest])
+                _print(plan.spec, tester, target, result, document)
+                is_only_drive = len(plan.targets) == 1 and target.rest_after is None
+                if plan.spec.rules.criteria or is_only_drive:
+                    print_measures(document.get("measures", []), plan.spec.rules.criteria)
+            if target.rest_after is not None and result.departure is not None and plot is None:
+                rest = target.rest_after(result.departure.distance)
+                if rest is not None:
+                    waiting.appendleft(rest)
     return documents
 
 
-def _draw(asked: Asked, result: Result, drive: Drive | None, plot: Path) -> None:
+def _draw(target: RoadToDrive, result: Result, driven: Drive | None, plot: Path) -> None:
     """Draw a drive, or the road alone if it was not driven."""
-    from frenetic.report.picture import draw_drive, draw_road  # too slow for others
+    from frenetic.report.picture import draw_drive, draw_road  # imports matplotlib
 
-    title = f"{Path(asked.name).name}: {result.outcome}"
-    if drive is None:
-        draw_road(asked.road, plot, title=title, reason=result.reason)
+    title = f"{Path(target.name).name}: {result.outcome}"
+    if driven is None:
+        draw_road(target.road, plot, title=title, reason=result.reason)
     else:
-        draw_drive(asked.road, drive, plot, title=title)
+        draw_drive(target.road, driven, plot, title=title)
 
 
 def _document(
-    asked: Asked, result: Result, drive: Drive | None, tester: RoadTester, plot: Path | None
+    target: RoadToDrive,
+    result: Result,
+    driven: Drive | None,
+    tester: RoadTester,
+    plot: Path | None,
 ) -> dict[str, Any]:
     """Return what happened on a road, for JSON."""
     from frenetic.oracle.measures import measures_json
 
-    road = asked.road
-    conditions = tester.terms.conditions_of(asked.conditions)
+    conditions = tester.terms.conditions_of(target.conditions)
+    rules = tester.setting.rules_in(target.conditions)
     document = {
-        "road": asked.name,
-        "length": road.length,
-        "speed_limits": tester.setting.rules_in(asked.conditions).speed_limits_on(road).tolist(),
+        "road": target.name,
+        "length": target.road.length,
+        "speed_limits": rules.speed_limits_on(target.road).tolist(),
         **result.as_json(),
         **tester.described,
         **({"conditions": conditions} if conditions else {}),
-        **({"notes": list(asked.notes)} if asked.notes else {}),
-        **_compared(asked, result, drive, tester),
+        **({"notes": list(target.notes)} if target.notes else {}),
+        **_comparison(target, result, driven, tester),
         **({} if plot is None else {"plot": str(plot)}),
     }
-    if drive is not None and result.outcome.is_driven and len(drive.trajectory):
-        document["measures"] = measures_json(road, drive)
+    if driven is not None and result.outcome.is_driven and len(driven.trajectory):
+        document["measures"] = measures_json(target.road, driven)
     return document
 
 
-def _compared(
-    asked: Asked, result: Result, drive: Drive | None, tester: RoadTester
+def _comparison(
+    target: RoadToDrive, result: Result, driven: Drive | None, tester: RoadTester
 ) -> dict[str, Any]:
     """Return what differs from the campaign's drive, for JSON; empty if not compared.
 
@@ -357,36 +224,33 @@ def _compared(
     """
     from frenetic.campaign.second_drive import moobd_difference, outcome_difference
 
-    if asked.test is None or not _is_as_recorded(asked, tester):
+    if target.test is None or not _is_as_recorded(target, tester):
         return {}
-    path = None if drive is None else drive.trajectory
-    again = replace(asked.test, result=result, pose=asked.road.pose, trajectory=path)
-    differs = outcome_difference(asked.test, again) or moobd_difference(
-        asked.test, again, tester.simulator
-    )
-    return {"differs": differs}
+    trajectory = None if driven is None else driven.trajectory
+    second = replace(target.test, result=result, pose=target.road.pose, trajectory=trajectory)
+    difference = outcome_difference(target.test, second)
+    return {"differs": difference or moobd_difference(target.test, second, tester.simulator)}
 
 
-def _is_as_recorded(asked: Asked, tester: RoadTester) -> bool:
-    """Tell whether a test is driven with its campaign's parts, rules and conditions."""
-    from frenetic.parts.versions import differences
+def _is_as_recorded(target: RoadToDrive, tester: RoadTester) -> bool:
+    """Return whether a test is driven with its campaign's parts, rules and conditions."""
+    from frenetic.parts.records import differences
 
-    test, setting = asked.test, tester.setting
-    if test is None or test.setting is None or asked.campaign is None:
+    test, config, setting = target.test, target.campaign_config, tester.setting
+    if test is None or test.setting is None or config is None:
         return False
     return (
         setting.rules == test.setting.rules
         and setting.conditions == test.setting.conditions
-        and dict(asked.conditions) == dict(test.candidate.conditions)
+        and dict(target.conditions) == dict(test.candidate.conditions)
         and not any(
-            differences(kind, asked.campaign.get(kind), part)
-            for kind, part in tester.described.items()
+            differences(kind, config.get(kind), part) for kind, part in tester.described.items()
         )
     )
 
 
-def _cannot_be_driven(tester: RoadTester, road: Road) -> str:
-    """Say why a simulator cannot lay a valid road; empty if it can."""
+def _refusal(tester: RoadTester, road: Road) -> str:
+    """Return why simulator or driver refuse a valid road; empty if it can be driven."""
     from frenetic.errors import RoadError
     from frenetic.simulators.capabilities import check_road
 
@@ -397,39 +261,46 @@ def _cannot_be_driven(tester: RoadTester, road: Road) -> str:
     return ""
 
 
-def _who(spec: Spec, recorded: object, document: Mapping[str, Any]) -> Iterator[str]:
-    """Yield which driver drove, and the recorded driver if it differs."""
-    from frenetic.parts.versions import other_version
-    from frenetic.spec.part_record import part_text
+def _driver_texts(spec: Spec, recorded: object, document: Mapping[str, Any]) -> Iterator[str]:
+    """Yield which driver drove in which simulator, and how the recorded driver differs.
+
+    Args:
+        spec: spec of the drive.
+        recorded: record of the driver in the road's file; None without one.
+        document: what happened, as `_document` returns it.
+    """
+    from frenetic.parts.records import other_version
+    from frenetic.spec.part_text import part_text
 
     driver = document["driver"]
-    now = part_text(driver, recorded, word=spec.driver)
-    yield f"{now} in {part_text(document['simulator'], word=spec.simulator)}"
+    driver_text = part_text(driver, recorded, word=spec.driver)
+    yield f"{driver_text} in {part_text(document['simulator'], word=spec.simulator)}"
     if isinstance(recorded, dict):
-        before = part_text(recorded, driver)
-        if before != part_text(driver, recorded):
-            yield f"recorded with {before}"
+        recorded_text = part_text(recorded, driver)
+        if recorded_text != part_text(driver, recorded):
+            yield f"recorded with {recorded_text}"
         yield from filter(None, [other_version("driver", recorded, driver)])
 
 
 def _print(
-    spec: Spec, tester: RoadTester, asked: Asked, result: Result, document: Mapping[str, Any]
+    spec: Spec, tester: RoadTester, target: RoadToDrive, result: Result, document: Mapping[str, Any]
 ) -> None:
-    differs = document.get("differs")
-    words = f"differs from the campaign: {differs}" if differs else "as in the campaign"
+    """Print what happened on a road."""
+    duration = result.duration if result.outcome.is_driven else None
+    comparison = ""  # nothing was compared
+    if (difference := document.get("differs")) is not None:
+        comparison = "as in the campaign"
+        if difference:
+            comparison = f"differs from the campaign: {difference}"
     echo(f"{result.outcome}  {result.reason}")
     print_facts(
         [
-            ("road", f"{asked.road.length:.1f} m, {asked.name}"),
-            ("driver", "; ".join(_who(spec, asked.recorded, document))),
-            ("limit", limit_text(tester.setting, asked.road, asked.conditions)),
-            ("conditions", as_text({**spec.amounts, **asked.conditions})),
-            *facts_of_drive(
-                result,
-                result.duration if result.outcome.is_driven else None,
-                asked.road.lane_width,
-            ),
-            ("result", "" if differs is None else words),
+            ("road", f"{target.road.length:.1f} m, {target.name}"),
+            ("driver", "; ".join(_driver_texts(spec, target.recorded_driver, document))),
+            ("limit", limit_text(tester.setting, target.road, target.conditions)),
+            ("conditions", as_text({**spec.amounts, **target.conditions})),
+            *facts_of_drive(result, duration, target.road.lane_width),
+            ("result", comparison),
             ("picture", document.get("plot", "")),
         ]
     )

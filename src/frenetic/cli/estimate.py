@@ -1,4 +1,4 @@
-"""The command that estimates how often a driver fails in a domain: estimate."""
+"""The command `estimate`: how often a driver fails in a domain."""
 
 from __future__ import annotations
 
@@ -12,8 +12,9 @@ import click
 
 from frenetic._support.words import counted
 from frenetic.cli import Invocation, echo
+from frenetic.cli.command_options import CommandOptions
 from frenetic.cli.console import Log, shell, this_command
-from frenetic.cli.entries import CommandOptions, entry_option, part_options, trust_option
+from frenetic.cli.entries import entry_option, part_options, trust_option
 from frenetic.cli.options import (
     as_usage_error,
     count_option,
@@ -55,10 +56,10 @@ def estimate(
     """Say how often a driver leaves its lane in a domain, per 1,000 km.
 
     The domain is --odd FILE, or a CAMPAIGN's domain. A CAMPAIGN's own driver drives, and its report
-    shows the estimate, too. Common failures are counted in plain drives; for rare ones, conditions
-    in which the driver fails are drawn more often and weighed. A search's failures take no part.
-    The same command goes on with an interrupted one, and shows a complete one; without a CAMPAIGN
-    it needs --out DIR for that.
+    shows the estimate, too. Common failures are counted in plain drives; for rare failures,
+    conditions in which the driver fails are drawn more often, and weigh less. A search's failures
+    are not counted. After Ctrl-C the same command continues, and it shows a complete estimate;
+    without a CAMPAIGN it needs --out DIR for that.
     """
     from frenetic.cli.rerun_options import shown_driving
     from frenetic.rerun.estimate import estimate as estimated
@@ -72,7 +73,7 @@ def estimate(
         )
     tester = _tester_of_domain(options) if campaign is None else _tester_of(campaign, options)
     log = Log()
-    latest: deque[Summary] = deque(maxlen=1)
+    latest: deque[Summary] = deque(maxlen=1)  # summary of the last event
     try:
         with shown_driving(log, "Driving") as show:
 
@@ -90,7 +91,7 @@ def estimate(
                 on_event=on_event,
             )
     except KeyboardInterrupt:
-        if not latest:  # nothing is kept
+        if not latest:  # no campaign has begun
             raise
         is_new_folder = campaign is None and out is None
         raise _interrupted(log, latest[-1], drives, is_new_folder=is_new_folder) from None
@@ -107,35 +108,36 @@ def estimate(
 def _interrupted(
     log: Log, summary: Summary, drives: int, *, is_new_folder: bool
 ) -> click.exceptions.Exit:
-    """Print what is left to do after Ctrl-C, and which command goes on; return the exit.
+    """Print what is left to do after Ctrl-C, and which command continues; return the exit.
 
     Args:
         log: the console for progress.
         summary: summary of the campaign that drives.
         drives: number of drives that the estimate needs.
-        is_new_folder: whether the command that goes on has to name the folder.
+        is_new_folder: whether the folder was chosen by this command, so that the next command has
+            to name it.
     """
     from frenetic.cli.rerun_options import interrupted
 
-    left = counted(drives - summary.passed - summary.failed, "drive")
+    remaining = counted(drives - summary.passed - summary.failed, "drive")
     command = None
     if is_new_folder:
         command = Invocation((*this_command().words, "--out", str(summary.folder)))
-    return interrupted(log, f"{left} to go", command)
+    return interrupted(log, f"{remaining} to go", command)
 
 
 def _tester_of_domain(options: CommandOptions) -> RoadTester:
     """Return the tester that drives in the domain of ``--odd FILE``."""
     from frenetic.campaign.tester import RoadTester
 
-    spec, folder = options.trusted(options.over(Spec(), has_roads=False))
+    spec, code_folder = options.trusted(options.over(Spec(), has_roads=False))
     options.check_drawn(spec)
-    with as_usage_error(), chdir(folder):
+    with as_usage_error(), chdir(code_folder):
         return RoadTester.of(spec)
 
 
 def _tester_of(campaign: Path, options: CommandOptions) -> RoadTester:
-    """Return the tester that drives as a campaign did, in the campaign's domain.
+    """Return the tester that drives as a campaign drove, in the campaign's domain.
 
     Raises:
         click.UsageError: the campaign has no domain.
@@ -146,9 +148,12 @@ def _tester_of(campaign: Path, options: CommandOptions) -> RoadTester:
 
     with CampaignStore.open(campaign) as store:
         if store.setting.domain is None:
-            raise click.UsageError(f"{campaign} searched no domain: one with --odd did")
-        spec, folder = campaign_spec(store, options)
-        with chdir(folder):
+            raise click.UsageError(
+                f"{campaign} searched no domain: name a campaign that was run with --odd, or give"
+                " --odd FILE without a campaign"
+            )
+        spec, code_folder = campaign_spec(store, options)
+        with chdir(code_folder):
             return campaign_tester(store, spec)
 
 

@@ -1,4 +1,4 @@
-"""The command that writes campaigns and roads for other tools: export."""
+"""The command `export`, which writes campaigns and roads for other tools."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 import click
 
-from frenetic._support.words import read_part
+from frenetic._support.option_text import read_part
 from frenetic.cli import echo
 from frenetic.cli.console import Log, counted_progress, shell
 from frenetic.cli.options import (
@@ -30,13 +30,14 @@ from frenetic.parts.registry import hint
 if TYPE_CHECKING:
     from frenetic.export import ExportedRoad
 
-# `frenetic.export`, which takes longer to import than help may: format -> its options.
+# Copies of the formats in `frenetic.export`, which imports too slowly for --help.
 TABLES: Final[Mapping[str, tuple[str, ...]]] = {
     "parquet": ("trajectories",),
     "csv": ("trajectories",),
     "json": ("trajectories",),
     "competition": ("trajectories",),
 }
+"""Format of a campaign -> its options."""
 ROADS: Final[Mapping[str, tuple[str, ...]]] = {
     "opendrive": ("origin",),
     "competition": (),
@@ -44,9 +45,11 @@ ROADS: Final[Mapping[str, tuple[str, ...]]] = {
     "json": (),
     "beamng": (),
 }
-_LONGEST_PART: Final = 60  # letters of a map's roads in a file's name
+"""Format of a road -> its options."""
+_MAX_ROADS_IN_NAME: Final = 60
+"""Most characters of a map's road IDs in a file's name; a digest follows what is cut."""
 EXPORTS: Final = "exports"
-"""Folder in a campaign's folder for its exported roads."""
+"""Folder for exported roads in a campaign's folder."""
 
 
 @click.command()
@@ -87,10 +90,10 @@ def export(
 ) -> None:
     """Write a campaign, or single roads, for other tools.
 
-    A CAMPAIGN alone, or a folder of several, such as a bench's, becomes a folder of tables, for
-    pandas, DuckDB and others (extra 'tables'). A campaign also becomes the competition's files. The
-    road of a test ID, where it lay on the map, or of a ROAD file becomes a file of its own. Prints
-    what was written, completely or not at all.
+    A CAMPAIGN without IDs, or a folder of several, such as a bench's, becomes a folder of tables,
+    for pandas, DuckDB and others (extra 'tables'), or of the competition's files. The road of a
+    test ID, as it lay on the map, or of a ROAD file becomes a file of its own. Each file is written
+    completely or not at all, and its path is printed.
     """
     is_campaign = source.is_dir() and not test_ids
     formats = TABLES if is_campaign else ROADS
@@ -103,7 +106,7 @@ def export(
     except ValueError as error:
         raise click.BadParameter(str(error), param_hint="'--format'") from None
     if name is None:
-        name = _named_by(out, is_campaign=is_campaign)
+        name = _format_by_suffix(out, is_campaign=is_campaign)
     if name not in formats:
         raise click.BadParameter(
             f"{name!r} is no format of {'a campaign' if is_campaign else 'a road'}: choose from"
@@ -123,8 +126,12 @@ def export(
         _export_roads(source, test_ids, name, options, out, as_json, lane=lane, roads=map_roads)
 
 
-def _named_by(out: Path | None, *, is_campaign: bool) -> str:
-    """Return the name of the format that the suffix of a road's file says."""
+def _format_by_suffix(out: Path | None, *, is_campaign: bool) -> str:
+    """Return the name of a road's format, by the suffix of ``--out``.
+
+    Raises:
+        click.UsageError: there is no suffix, or a campaign is exported, which is no file.
+    """
     from frenetic.export import format_of
 
     if is_campaign or out is None or str(out) == "-":
@@ -142,6 +149,7 @@ def _export_campaign(
     outcomes: tuple[str, ...],
     as_json: bool,
 ) -> None:
+    """Export the campaigns in a folder in the format of a name; print the new folder."""
     from frenetic.analysis.groups import find_campaigns
     from frenetic.campaign import CampaignStore
     from frenetic.export import export_campaign
@@ -149,8 +157,8 @@ def _export_campaign(
     log = Log()
     with as_usage_error(), counted_progress(log, "Exporting") as show:
         folder = export_campaign(source, name, out, outcomes=outcomes, on_progress=show, **options)
-    for place in find_campaigns(source) if name == "competition" else ():
-        with CampaignStore.open(place) as store:
+    for campaign in find_campaigns(source) if name == "competition" else ():
+        with CampaignStore.open(campaign) as store:
             domain = store.setting.domain
         if domain is not None and domain.conditions:
             log.print(
@@ -174,6 +182,7 @@ def _export_roads(
     lane: int | None,
     roads: str | None,
 ) -> None:
+    """Export single roads in the format of a name; print the path of each file."""
     from frenetic.export import road_format, write_road
 
     if as_json and str(out) == "-":
@@ -182,13 +191,13 @@ def _export_roads(
         raise click.UsageError("--lane and --road are for OpenDRIVE, not for a campaign's test")
     if out is not None and len(test_ids) > 1:
         raise click.UsageError("--out is for one road: leave it out where there are several")
-    the_format = road_format(name)
+    road_writer = road_format(name)
     with as_usage_error():
-        written = [
-            _exported(source, number, options, lane=lane, roads=roads)
-            for number in test_ids or (None,)
+        exported_roads = [
+            _exported(source, test_id, options, lane=lane, roads=roads)
+            for test_id in test_ids or (None,)
         ]
-    for exported, _ in written:
+    for exported, _ in exported_roads:
         test = exported.test
         if test is not None and (conditions := as_text(test.candidate.conditions)):
             Log().print(
@@ -197,13 +206,15 @@ def _export_roads(
                 markup=False,
             )
     documents = []
-    for exported, default in written:
+    for exported, default_stem in exported_roads:
         if out is not None and str(out) == "-":
-            # As bytes, so that every platform writes the same.
-            sys.stdout.buffer.write(the_format.render(exported).encode("utf-8"))
+            # As bytes, since Windows would write other ends of lines.
+            sys.stdout.buffer.write(road_writer.render(exported).encode("utf-8"))
             sys.stdout.buffer.flush()
             return
-        path = default.with_name(default.name + the_format.suffix) if out is None else out
+        path = out
+        if path is None:
+            path = default_stem.with_name(default_stem.name + road_writer.suffix)
         if path.exists() and source.exists() and path.samefile(source):
             raise click.UsageError(f"{path} is the road itself: choose another place with --out")
         write_road(exported, name, path)
@@ -214,12 +225,13 @@ def _export_roads(
         echo(document["file"])
 
 
-def _file_part(roads: str) -> str:
-    """Return roads of a map as a part of a file's name, unique for these roads."""
-    part = re.sub(r"[^\w.]+", "-", roads)
-    if '"' not in roads and len(part) <= _LONGEST_PART:
-        return part
-    return f"{part[:_LONGEST_PART].strip('-')}-{hashlib.sha256(roads.encode()).hexdigest()[:8]}"
+def _name_of_roads(roads: str) -> str:
+    """Return IDs of a map's roads for a file's name, other roads with another text."""
+    name = re.sub(r"[^\w.]+", "-", roads)
+    if '"' not in roads and len(name) <= _MAX_ROADS_IN_NAME:
+        return name
+    digest = hashlib.sha256(roads.encode()).hexdigest()[:8]
+    return f"{name[:_MAX_ROADS_IN_NAME].strip('-')}-{digest}"
 
 
 def _exported(
@@ -230,7 +242,15 @@ def _exported(
     lane: int | None,
     roads: str | None,
 ) -> tuple[ExportedRoad, Path]:
-    """Return the road, and the path of its file without the suffix."""
+    """Return a road for export, and the default path of its file without the suffix.
+
+    Args:
+        source: folder of a campaign, or a road file.
+        test_id: ID of a campaign's test, or of a test in the file; None for the file's only road.
+        options: options of the format.
+        lane: ID of an OpenDRIVE lane; None for the usual lane.
+        roads: IDs of roads of a map, as ``--road`` takes them; None for other files.
+    """
     from frenetic.export import ExportedRoad
 
     if test_id is None or source.is_file():
@@ -241,7 +261,7 @@ def _exported(
             Log().print(f"Note: {note}", markup=False)
         name = source.stem
         if roads is not None:
-            name += f"-{_file_part(roads)}"
+            name += f"-{_name_of_roads(roads)}"
         if test_id is not None:
             name += f"-{test_id}"
         return ExportedRoad(file.road(), name, **options), source.with_name(name)

@@ -1,4 +1,4 @@
-"""The command that writes a first driver of one's own: init."""
+"""The command `init`, which writes a first driver for the user to edit."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ from frenetic.cli.options import json_option
 def init(file: Path, as_json: bool) -> None:
     """Write a driver file with a test, ready to edit.
 
-    FILE is the driver's, my_driver.py by default; its test lies beside it. Neither replaces a file.
-    The driver works: it passes most roads, and a search finds where it fails.
+    FILE is for the driver, my_driver.py by default; its test is written beside it. Existing files
+    are not replaced. The driver works: it passes most roads, and a search finds where it fails.
     """
     from frenetic.testing.first_driver import write_driver
 

@@ -14,12 +14,12 @@ from frenetic.cli.options import json_option
 from frenetic.conditions.condition import known_conditions
 from frenetic.criteria.criterion import SIGNALS, criteria_sets, signal_named
 from frenetic.errors import FreneticError
-from frenetic.parts.registry import DRIVERS, OBJECTIVES, SIMULATORS, STRATEGIES
+from frenetic.parts.registry import DRIVERS, OBJECTIVES, SIMULATORS, STRATEGIES, Registry
 
 if TYPE_CHECKING:
     from frenetic.road.classes import RoadClass
 
-UNITS: Final = {
+CLASS_UNITS: Final = {
     "design_speed": "km/h",
     "speed_limit": "km/h",
     "lane_width": "m",
@@ -34,17 +34,16 @@ UNITS: Final = {
     "min_crest": "m",
     "min_sag": "m",
 }
-"""Rule of a road class -> unit."""
+"""Rule of a road class -> unit in which it is printed; shares are printed in %."""
 _REGISTRIES: Final = {
     "drivers": DRIVERS,
     "strategies": STRATEGIES,
     "simulators": SIMULATORS,
     "objectives": OBJECTIVES,
 }
-
-
+"""Kind of a part -> its registry."""
 _KINDS: Final = [*_REGISTRIES, "conditions", "roads", "criteria"]
-"""Kinds in the order in which they are listed."""
+"""Kinds that can be listed, in the order of the list."""
 
 
 @click.command("list")
@@ -54,8 +53,8 @@ def list_parts(kind: str | None, as_json: bool) -> None:
     """List drivers, strategies, simulators, objectives, conditions and more: of a KIND, or all.
 
     Conditions are for --with and 'frenetic rerun --vary', roads for --roads, criteria for
-    --criteria. Packages add to all but the roads; a class of your own is a TOML file, and so are
-    criteria.
+    --criteria. Packages can add to all kinds but the roads. Your own road class or criteria are a
+    TOML file.
     """
     kinds = _KINDS if kind is None else [kind]
     if as_json:
@@ -69,8 +68,9 @@ def list_parts(kind: str | None, as_json: bool) -> None:
 
 
 def _documents(kind: str) -> list[dict[str, Any]]:
+    """Return the entries of a kind as JSON objects."""
     if kind == "roads":
-        return [road_class.as_json() for road_class in _classes()]
+        return [road_class.as_json() for road_class in _road_classes()]
     if kind == "criteria":
         return [criteria_set.as_json() for criteria_set in criteria_sets().values()]
     if kind != "conditions":
@@ -78,45 +78,52 @@ def _documents(kind: str) -> list[dict[str, Any]]:
         return [
             {
                 **asdict(entry),
-                "summary": registry.about(entry),
-                **({"lays": _laid_by(entry.name)} if registry is SIMULATORS else {}),
+                "summary": registry.summary_of(entry),
+                **({"lays": _supported_by(entry.name)} if registry is SIMULATORS else {}),
             }
             for entry in registry.entries()
         ]
     return [
         {
-            "name": row.name,
-            "unit": row.unit,
-            "range": [row.low, row.high],
-            "usual": list(row.usual),
-            "needs_camera": row.needs_camera,
-            "about": row.about,
+            "name": condition.name,
+            "unit": condition.unit,
+            "range": [condition.low, condition.high],
+            "usual": list(condition.usual),
+            "needs_camera": condition.needs_camera,
+            "about": condition.about,
         }
-        for row in known_conditions().values()
+        for condition in known_conditions().values()
     ]
 
 
-def _laid_by(simulator: str) -> list[str] | None:
-    """Return the conditions that a simulator lays without a camera; None if unknown."""
-    from frenetic.spec import usual_of
+def _supported_by(simulator: str) -> list[str] | None:
+    """Return the conditions that drives in a simulator can have without a camera.
+
+    The result is None if the simulator cannot be loaded.
+    """
+    from frenetic.spec import simulator_defaults
 
     try:
-        usual = usual_of(simulator)
+        defaults = simulator_defaults(simulator)
     except FreneticError:  # its package is broken
         return None
-    rows = known_conditions().values()
-    return [row.name for row in rows if usual.can_apply(row) and not row.needs_camera]
+    return [
+        condition.name
+        for condition in known_conditions().values()
+        if defaults.can_apply(condition) and not condition.needs_camera
+    ]
 
 
-def _classes() -> list[RoadClass]:
-    from frenetic.road.classes import RoadClass, classes  # numba takes its time
+def _road_classes() -> list[RoadClass]:
+    """Return all known road classes."""
+    from frenetic.road.classes import RoadClass, classes  # imports numba
 
     return [RoadClass.of(name) for name in classes()]
 
 
-def _print_classes(title: str | None) -> None:
-    """Print the road classes side by side, a rule in each row."""
-    road_classes = _classes()
+def _print_road_classes(title: str | None) -> None:
+    """Print the road classes as columns and their rules as rows."""
+    road_classes = _road_classes()
     rows = [
         (
             rule.replace("_", " "),
@@ -126,7 +133,7 @@ def _print_classes(title: str | None) -> None:
             ),
             unit,
         )
-        for rule, unit in UNITS.items()
+        for rule, unit in CLASS_UNITS.items()
     ]
     print_table(("rule", *(road_class.name for road_class in road_classes), ""), rows, title=title)
     echo(
@@ -136,21 +143,18 @@ def _print_classes(title: str | None) -> None:
 
 
 def _print_criteria(title: str | None) -> None:
-    """Print the sets of criteria side by side, a signal in each row."""
+    """Print the sets of criteria as columns and the limits of signals as rows."""
     sets = criteria_sets()
-    limits = {
-        name: {c.signal: c for c in criteria_set.criteria} for name, criteria_set in sets.items()
-    }
-    names = dict.fromkeys(
-        [*SIGNALS, *(name for set_limits in limits.values() for name in set_limits)]
-    )
+    limits = [
+        {criterion.signal: criterion.limit for criterion in criteria_set.criteria}
+        for criteria_set in sets.values()
+    ]
+    # A set may limit a signal that is not among the built-in ones.
+    names = dict.fromkeys([*SIGNALS, *(name for set_limits in limits for name in set_limits)])
     rows = [
         (
             signal_named(name).words,
-            *(
-                None if name not in set_limits else f"{set_limits[name].limit:g}"
-                for set_limits in limits.values()
-            ),
+            *(f"{set_limits[name]:g}" if name in set_limits else None for set_limits in limits),
             signal_named(name).unit,
         )
         for name in names
@@ -166,45 +170,56 @@ def _print_criteria(title: str | None) -> None:
 
 
 def _print(kind: str, title: str | None) -> None:
+    """Print the entries of a kind as a table under a title."""
     if kind == "roads":
-        _print_classes(title)
-        return
-    if kind == "criteria":
+        _print_road_classes(title)
+    elif kind == "criteria":
         _print_criteria(title)
-        return
-    if kind == "conditions":
-        print_table(
-            ("name", "allowed", "usual", "what it is"),
-            [
-                (
-                    row.name,
-                    row.allowed,
-                    f"{row.usual[0]:g} to {row.usual[1]:g}{' times' if row.is_relative else ''}",
-                    row.about,
-                )
-                for row in known_conditions().values()
-            ],
-            title=title,
-        )
-        return
-    registry = _REGISTRIES[kind]
-    entries = registry.entries()
-    laid, wrappers = [], [row for row in known_conditions().values() if row.wrapper]
-    if registry is SIMULATORS:
-        over = [row.name for row in wrappers]
-        laid = [", ".join(n for n in _laid_by(e.name) or () if n not in over) for e in entries]
+    elif kind == "conditions":
+        _print_conditions(title)
+    else:
+        _print_parts(_REGISTRIES[kind], title)
+
+
+def _print_conditions(title: str | None) -> None:
+    """Print the conditions with their ranges."""
     print_table(
-        ("name", "from", "what it is", *(["conditions"] if laid else [])),
+        ("name", "allowed", "usual", "what it is"),
         [
-            (entry.name, entry.origin, registry.about(entry), *laid[i : i + 1])
-            for i, entry in enumerate(entries)
+            (
+                condition.name,
+                condition.allowed,
+                f"{condition.usual[0]:g} to {condition.usual[1]:g}"
+                f"{' times' if condition.is_relative else ''}",
+                condition.about,
+            )
+            for condition in known_conditions().values()
         ],
         title=title,
     )
-    if laid:
-        others, camera = ([r.name for r in wrappers if r.needs_camera is n] for n in (False, True))
+
+
+def _print_parts(registry: Registry, title: str | None) -> None:
+    """Print the parts of a registry; of simulators also the conditions that each supports."""
+    entries = registry.entries()
+    headings = ["name", "from", "what it is"]
+    rows = [[entry.name, entry.origin, registry.summary_of(entry)] for entry in entries]
+    wrappers = [condition for condition in known_conditions().values() if condition.wrapper]
+    if registry is SIMULATORS:
+        headings.append("conditions")
+        of_drivers = {condition.name for condition in wrappers}  # named once, below the table
+        for row, entry in zip(rows, entries, strict=True):
+            supported = _supported_by(entry.name) or ()
+            row.append(", ".join(name for name in supported if name not in of_drivers))
+    print_table(headings, rows, title=title)
+    if registry is SIMULATORS:
+        camera = [condition.name for condition in wrappers if condition.needs_camera]
+        others = [condition.name for condition in wrappers if not condition.needs_camera]
         camera_text = f"; over one with a camera: {', '.join(camera)}" if camera else ""
         echo(f"Over the driver, in all of them: {', '.join(others)}{camera_text}.")
     files = "".join(f", or path/to/file{suffix}" for suffix in registry.files)
-    word = registry.target.capitalize()
-    echo(f"Your own: package.module:{word} or path/to/file.py:{word}{files} as --{registry.kind}.")
+    class_name = registry.target.capitalize()
+    echo(
+        f"Your own: package.module:{class_name} or path/to/file.py:{class_name}{files} as"
+        f" --{registry.kind}."
+    )

@@ -1,4 +1,4 @@
-"""The command that writes a campaign's report: report."""
+"""The command `report`, which writes a campaign's report."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ from frenetic.cli.options import campaign_argument, file_option, json_option
 def report(campaign: Path, out: Path | None, as_json: bool) -> None:
     """Write the report of a CAMPAIGN: its failures, with pictures and replays.
 
-    It is one file that you can keep, send, and open without a network. 'frenetic run' and 'frenetic
-    resume' write it at their end, too.
+    The report is one file that you can keep, send, and open without a network. 'frenetic run' and
+    'frenetic resume' write it at their end, too.
     """
     from frenetic.report.html import write_report
 

@@ -1,4 +1,4 @@
-"""The command that drives a campaign's roads again: rerun."""
+"""The command `rerun`, which drives a campaign's roads again."""
 
 from __future__ import annotations
 
@@ -13,16 +13,17 @@ import click
 
 from frenetic._support.words import counted, oob_unit
 from frenetic.cli import echo
+from frenetic.cli.command_options import CommandOptions
 from frenetic.cli.console import Log, print_table, shell, two_digits
-from frenetic.cli.entries import CommandOptions, part_options, trust_option
+from frenetic.cli.entries import part_options, trust_option
 from frenetic.cli.options import (
-    AskedRange,
+    NamedRange,
     NewFile,
     campaign_argument,
     count_option,
     file_option,
     json_option,
-    ranges,
+    range_type,
     workers_option,
 )
 from frenetic.cli.rerun_options import (
@@ -42,17 +43,17 @@ if TYPE_CHECKING:
     from frenetic.spec import Spec
 
 VARIED_TIMES: Final = 20
-"""Default number of drives of each test if something is varied."""
+"""Drives of each road with --vary, unless --times is given (our choice)."""
 
 
-def variation(asked: AskedRange, tester: RoadTester) -> Variation:
-    """Return the range of a condition; without limits, the usual range for a tester."""
+def _variation(condition: NamedRange, tester: RoadTester) -> Variation:
+    """Return a condition with the range of ``--vary``, or with its usual range for a tester."""
     from frenetic.rerun.variations import Variation
 
-    if asked.limits is None:
-        amount = tester.terms.conditions.get(asked.name)
-        return Variation.usual(asked.name, tester.simulator, amount)
-    return Variation(asked.name, *asked.limits)
+    if condition.limits is None:
+        amount = tester.terms.conditions.get(condition.name)
+        return Variation.usual(condition.name, tester.simulator, amount)
+    return Variation(condition.name, *condition.limits)
 
 
 @click.command()
@@ -65,11 +66,12 @@ def variation(asked: AskedRange, tester: RoadTester) -> Variation:
 @count_option("--times", f"Drives of each road. [default: 1, with --vary {VARIED_TIMES}]")
 @click.option(
     "--vary",
-    "asked",
-    type=ranges("friction=0.8:1.0"),
+    "varied_conditions",
+    type=range_type("friction=0.8:1.0"),
     multiple=True,
-    help="What differs between the drives, as in --vary friction=0.8:1.0; a name alone means"
-    " its usual range ('frenetic list conditions'), around a test's own amount. May be repeated.",
+    help="A condition that differs between the drives, as in --vary friction=0.8:1.0; a name"
+    " alone means the usual range ('frenetic list conditions') around a test's own amount. May be"
+    " repeated.",
 )
 @part_options
 @trust_option
@@ -92,7 +94,7 @@ def rerun(
     top: int | None,
     everything: bool,
     times: int | None,
-    asked: tuple[AskedRange, ...],
+    varied_conditions: tuple[NamedRange, ...],
     workers: int,
     out: Path | None,
     junit: Path | None,
@@ -103,14 +105,13 @@ def rerun(
     """Drive failing roads of a CAMPAIGN again and say which fail again, and how.
 
     Each road is driven where it lay on the map, in its conditions, as the campaign drove it unless
-    options change that: without any, the command says whether failures repeat. With --vary each
-    drive is in its own conditions, drawn from the ranges: a failure is fragile if it is surely
-    there in less than half of them, robust if in half or more. Amounts that --vary, --with or
-    --simulator give win over a test's own. Another --driver shows what is fixed, another
-    --simulator what says something of the driver. A failure is the same if it is on the same side
-    within 30 m along the road, and road, offsets and speeds before it differ by at most 2 m, as
-    within one distinct failure. The same command goes on with an interrupted one, and shows a
-    complete one.
+    options change that: without options, the command says whether failures repeat. With --vary each
+    drive has its own conditions, drawn from the ranges: a failure is fragile if it surely occurs in
+    less than half of the drives, robust if in half or more. Amounts of --vary, --with or
+    --simulator win over a test's own. Another --driver shows what is fixed, another --simulator
+    which failures are the driver's. A failure is the same if it is on the same side within 30 m
+    along the road, and if road, offsets and speeds before it differ by at most 2 m, as within one
+    distinct failure. The same command continues after Ctrl-C, and shows a complete rerun.
     """
     from frenetic.rerun.junit import write_junit
     from frenetic.rerun.rerun import rerun_with
@@ -118,9 +119,9 @@ def rerun(
     if everything and (test_ids or top is not None):
         raise click.UsageError("--all excludes --top and the ID of a test")
     options = CommandOptions.of(context)
-    times = times or (VARIED_TIMES if asked else 1)
+    times = times or (VARIED_TIMES if varied_conditions else 1)
     chosen, spec, tester = _of_campaign(options, campaign, test_ids, top, everything=everything)
-    variations = [variation(range_, tester) for range_ in asked]
+    variations = [_variation(condition, tester) for condition in varied_conditions]
     log = Log()
     with shown_driving(log, "Driving again") as on_event:
         result = rerun_with(
@@ -129,7 +130,7 @@ def rerun(
             tests=chosen,
             times=times,
             vary=variations,
-            instead=options.conditions(spec),
+            instead=options.overridden_conditions(spec),
             workers=workers,
             isolate=True,
             out=out,
@@ -142,14 +143,15 @@ def rerun(
     elif not result.planned:
         echo(f"{campaign} holds no {'driven road' if everything else 'failure'}")
     else:
-        is_as_before = not asked and not options
-        _print(result, times, is_as_before=is_as_before, with_rows=bool(test_ids))
+        is_as_before = not varied_conditions and not options
+        _print(result, times, is_as_before=is_as_before, has_named_tests=bool(test_ids))
+        # The report shows only reruns in the campaign's own folder.
         see = f"to see it: frenetic report {shell(campaign)}"
         echo(f"Kept in {result.folder}; {see if out is None else 'the same command shows it'}")
-    _end(result, log, fail_on_failure=fail_on_failure)
+    _exit_if_not_good(result, log, fail_on_failure=fail_on_failure)
 
 
-def _end(result: Rerun, log: Log, *, fail_on_failure: bool) -> None:
+def _exit_if_not_good(result: Rerun, log: Log, *, fail_on_failure: bool) -> None:
     """End the command with another exit code than 0 where the result calls for it.
 
     Raises:
@@ -157,8 +159,7 @@ def _end(result: Rerun, log: Log, *, fail_on_failure: bool) -> None:
             failed and `fail_on_failure` says that this counts.
     """
     if result.missing:
-        left = counted(result.missing, "drive")
-        raise interrupted(log, f"{left} to go")
+        raise interrupted(log, f"{counted(result.missing, 'drive')} to go")
     is_judged = any(test.judged for test in result.tests)
     if result.tests and (not is_judged or (fail_on_failure and not result.passed)):
         raise click.exceptions.Exit(1)
@@ -172,7 +173,10 @@ def _of_campaign(
     *,
     everything: bool,
 ) -> tuple[Sequence[int] | None, Spec, RoadTester]:
-    """Return the tests to drive again, and the spec and the tester of their drives."""
+    """Return the IDs of the tests to drive again, and the spec and the tester of their drives.
+
+    The IDs are None for all failures.
+    """
     from frenetic.campaign import CampaignStore
     from frenetic.rerun.rerun import campaign_tester
 
@@ -188,26 +192,20 @@ def _driven_tests(store: CampaignStore) -> list[int]:
     return [test.id for test in store.tests(with_repeats=False) if test.outcome.is_driven]
 
 
-def _print(result: Rerun, times: int, *, is_as_before: bool, with_rows: bool) -> None:
+def _print(result: Rerun, times: int, *, is_as_before: bool, has_named_tests: bool) -> None:
+    """Print how many drives failed, which conditions matter, and a row for each test.
+
+    Args:
+        result: the rerun.
+        times: drives of each road.
+        is_as_before: whether nothing differs from the campaign's drives.
+        has_named_tests: whether the command line names the tests: then all rows are printed.
+    """
     from frenetic.analysis.clusters import LISTED
-    from frenetic.rerun.stability import Stability, matches_text
+    from frenetic.rerun.stability import Stability
 
     tests, drives = result.tests, result.drives
-    varied = [
-        str(variation)
-        if all(test.variations[i] == variation for test in tests)
-        else f"{variation.condition} around each test's own"
-        for i, variation in enumerate(result.variations)
-    ]
-    conditions_text = ", ".join(varied) or ("in the same conditions" if times > 1 else "")
-    plan = f"{counted(times, 'drive')} of each{', ' if conditions_text else ''}{conditions_text}"
-    failed, judged = (sum(getattr(test, n) for test in tests) for n in ("failed", "judged"))
-    matches = matches_text(drives)
-    shares = f"{failed} of {judged} drives fail{f' ({matches})' if matches else ''}"
-    echo(
-        f"{counted(len(tests), 'test')}, {'up to ' if result.missing else ''}{plan}:"
-        f" {shares if times > 1 else result or 'none was finished'}"
-    )
+    echo(_headline(result, times))
     kinds = Counter(test.stability for test in tests)
     if any(kinds[kind] for kind in Stability):
         echo(", ".join(f"{kinds[kind]} {kind}" for kind in Stability if kinds[kind]))
@@ -218,40 +216,73 @@ def _print(result: Rerun, times: int, *, is_as_before: bool, with_rows: bool) ->
         echo(f"{name} matters in {number} of {len(tests)}")
     if is_as_before:
         echo(f"{result.same} of {counted(len(drives), 'drive')} ended exactly as before")
-    if troubles := [drive.reason for drive in drives if not drive.outcome.is_driven]:
-        echo(f"{counted(len(troubles), 'drive')} could not be judged, the first one: {troubles[0]}")
-    if not with_rows and len(tests) > LISTED:
+    if reasons := [drive.reason for drive in drives if not drive.outcome.is_driven]:
+        echo(f"{counted(len(reasons), 'drive')} could not be judged, the first one: {reasons[0]}")
+    if not has_named_tests and len(tests) > LISTED:
         echo(f"Test by test: name the IDs, or --top {LISTED}")
         return
+    _print_tests(tests, times)
+
+
+def _headline(result: Rerun, times: int) -> str:
+    """Return the number of tests, the drives of each and their conditions, and how many failed."""
+    from frenetic.rerun.stability import matches_text
+
+    tests, drives = result.tests, result.drives
+    varied = [
+        str(variation)
+        if all(test.variations[i] == variation for test in tests)
+        else f"{variation.condition} around each test's own"
+        for i, variation in enumerate(result.variations)
+    ]
+    conditions_text = ", ".join(varied) or ("in the same conditions" if times > 1 else "")
+    plan = f"{counted(times, 'drive')} of each{', ' if conditions_text else ''}{conditions_text}"
+    if times > 1:
+        failed, judged = sum(test.failed for test in tests), sum(test.judged for test in tests)
+        matches = matches_text(drives)
+        outcome = f"{failed} of {judged} drives fail{f' ({matches})' if matches else ''}"
+    else:
+        outcome = str(result) or "none was finished"
+    limit = "up to " if result.missing else ""
+    return f"{counted(len(tests), 'test')}, {limit}{plan}: {outcome}"
+
+
+def _print_tests(tests: Sequence[Repeats], times: int) -> None:
+    """Print a row for each test: one drive in words, or the shares of several drives."""
     headings = [">fails", ">same failure", ">95 % interval", "it is", "what matters"]
     if times == 1:
         headings = [">now (m)", "it", "how", "what happened now"]
     conditions = [as_text(test.conditions) or None for test in tests]
+    has_conditions = any(conditions)
     rows = [
         (
             test.id,
             two_digits(test.recorded.moobd),
-            *(_changed(test) if times == 1 else _shares(test)),
-            *([text] if any(conditions) else []),
+            *(_cells_of_one_drive(test) if times == 1 else _cells_of_drives(test)),
+            *([text] if has_conditions else []),
         )
         for test, text in zip(tests, conditions, strict=True)
     ]
-    more_headings = ["conditions"] if any(conditions) else []
+    if has_conditions:
+        headings.append("conditions")
     moobd = f">MOOBD ({oob_unit(tests[0].recorded.road.lane_width)})" if tests else ">MOOBD (m)"
-    print_table((">test", moobd, *headings, *more_headings), rows)
+    print_table((">test", moobd, *headings), rows)
 
 
-def _changed(test: Repeats) -> tuple[object, ...]:
-    (now,) = test.drives
-    return two_digits(now.moobd), test.change, now.match, now.reason
+def _cells_of_one_drive(test: Repeats) -> tuple[object, ...]:
+    """Return the MOOBD now, the change, how the failure matches the recorded one, the reason."""
+    (drive,) = test.drives
+    return two_digits(drive.moobd), test.change, drive.match, drive.reason
 
 
-def _shares(test: Repeats) -> tuple[object, ...]:
+def _cells_of_drives(test: Repeats) -> tuple[object, ...]:
+    """Return how many drives failed and how many alike, the interval, kind and influences."""
     low, high = test.interval
+    influences = [str(influence) for influence in test.influences if influence.matters]
     return (
         f"{test.failed} of {test.judged}",
         f"{test.alike} of {test.judged}",
         f"{100.0 * low:.0f} to {100.0 * high:.0f} %",
         test.stability or test.change,
-        ", ".join(str(influence) for influence in test.influences if influence.matters) or None,
+        ", ".join(influences) or None,
     )

@@ -1,4 +1,4 @@
-"""Shared parts of the commands that drive recorded roads, and of estimate."""
+"""Shared parts of the commands that drive recorded roads: specs, tests, progress, interruption."""
 
 from __future__ import annotations
 
@@ -10,10 +10,11 @@ from typing import TYPE_CHECKING
 
 import click
 
-from frenetic.cli import Invocation
+from frenetic.cli import INTERRUPTED, Invocation
+from frenetic.cli.command_options import CommandOptions, PartsSource
 from frenetic.cli.console import Log, announced_compilation, counted_progress, this_command
-from frenetic.cli.entries import CommandOptions, PartsSource, without_place
 from frenetic.cli.options import as_usage_error
+from frenetic.cli.simulator_place import without_place
 from frenetic.errors import CampaignError
 from frenetic.spec import DRIVEN, Signed, Spec, sign_driven
 
@@ -25,7 +26,7 @@ if TYPE_CHECKING:
 
 
 def campaign_source(store: CampaignStore) -> PartsSource:
-    """Return a campaign as a source of parts."""
+    """Return a campaign as a source of parts, which ``--trust`` signs in its database."""
     from frenetic.campaign.reader import SIGNATURE, SOURCES, STARTED_IN
     from frenetic.campaign.store import CampaignStore
     from frenetic.campaign.stored_spec import signed_spec
@@ -42,20 +43,21 @@ def campaign_source(store: CampaignStore) -> PartsSource:
 
 
 def campaign_spec(
-    store: CampaignStore, options: CommandOptions, *, checked: bool = True
+    store: CampaignStore, options: CommandOptions, *, needs_trust: bool = True
 ) -> tuple[Spec, Path]:
     """Return a campaign's spec with the command line's changes, and the folder of its parts.
 
     Args:
         store: the campaign.
-        options: of the command line.
-        checked: whether code that it names has to be trusted, see `frenetic.parts.trust`.
+        options: options of the command line.
+        needs_trust: whether parts are made, so that the user must have trusted the campaign's code
+            (`frenetic.parts.trust`).
 
     Raises:
-        CampaignError: the campaign was started from Python and a part is not given, or its record
-            is damaged.
-        FreneticError: a given rule is out of range.
-        click.UsageError: other roads are given.
+        CampaignError: the campaign was started from Python and an option for a part is missing, or
+            its record is damaged.
+        FreneticError: an option is out of range, or the user has not trusted the campaign's code.
+        click.UsageError: the command line has ``--roads``.
     """
     from frenetic.campaign.configuration import SPEC
     from frenetic.campaign.stored_spec import is_client_driven
@@ -64,50 +66,56 @@ def campaign_spec(
         raise click.UsageError("--roads is for a ROAD file: a campaign has its own road class")
     source, folder = campaign_source(store), Path.cwd()
     spec = options.over(source.spec)
-    if checked:
+    if needs_trust:
         spec, folder = options.trusted(spec, source)
     if store.config.get(SPEC) is None and None in (spec.driver, spec.simulator):
-        origin, elsewhere = "was started from Python", ", or do it from Python"
+        origin, alternative = "was started from Python", ", or do it from Python"
         if is_client_driven(store.config):
-            origin, elsewhere = "was driven by a client", ""
+            origin, alternative = "was driven by a client", ""
         raise CampaignError(
             f"{store.folder} {origin}, so its driver and simulator have no names: give --driver and"
-            f" --simulator{elsewhere}"
+            f" --simulator{alternative}"
         )
     return spec, folder
 
 
 def file_spec(
-    options: CommandOptions, file: RoadFile, *, checked: bool = True
+    options: CommandOptions, file: RoadFile, *, needs_trust: bool = True
 ) -> tuple[Spec, Path]:
-    """Return the spec with which a road's file was driven, and the folder of its parts.
+    """Return the spec recorded in a road's file, with the options over it, and its parts' folder.
 
-    Files that do not say it are driven as the options and their defaults say.
+    A file without such a record is driven as the options and their defaults say.
 
     Args:
-        options: of the command line.
+        options: options of the command line.
         file: the road's file.
-        checked: as for `campaign_spec`.
+        needs_trust: whether parts are made, so that the user must have trusted the file's code.
 
     Raises:
-        FreneticError: the file names parts that are not loaded unasked, or its record is damaged.
+        FreneticError: the user has not trusted the code that the file names, or its record is
+            damaged.
     """
     spec, source = Spec(), None
     if has_driven := DRIVEN in file.entries:
         recorded = Spec.of_driven(file.entries[DRIVEN], source=file.path)
         source = PartsSource(file.path, recorded, sign=partial(sign_driven, file.path))
-        spec = without_place(recorded)  # which program is started, no file says
+        spec = without_place(recorded)  # no file decides which program is started
     spec = options.over(spec, has_roads=has_driven)
-    return options.trusted(spec, source) if checked else (spec, Path.cwd())
+    return options.trusted(spec, source) if needs_trust else (spec, Path.cwd())
 
 
 def chosen_tests(
     store: CampaignStore, test_ids: tuple[int, ...], top: int | None
 ) -> list[int] | None:
-    """Return the tests that the command line names; None if it names none.
+    """Return the IDs of the tests that the command line chooses; None if it chooses none.
+
+    Args:
+        store: the campaign.
+        test_ids: IDs on the command line.
+        top: number of ``--top``; None without the option.
 
     Raises:
-        click.UsageError: it names them twice.
+        click.UsageError: the command line has IDs and ``--top``.
     """
     from frenetic.analysis.clusters import representative_failures
 
@@ -122,14 +130,14 @@ def chosen_tests(
 def shown_driving(
     log: Log, work: str, total: int | None = None
 ) -> Iterator[Callable[[Event], None]]:
-    """Yield a function that shows the events of campaigns that drive again.
+    """Yield a function that shows the events of campaigns that drive known roads.
 
     Args:
         log: the console for progress.
-        work: the work, such as "Driving again".
-        total: number of drives of all campaigns; by default from the budget of the only one.
+        work: verb for the work, such as "Driving again".
+        total: number of drives of all campaigns; by default the budget of the only campaign.
     """
-    drives: dict[Path, int] = {}  # folder of a campaign -> its drives
+    drives: dict[Path, int] = {}  # folder of a campaign -> number of its drives
 
     with (
         announced_compilation(log) as compiled,
@@ -143,22 +151,30 @@ def shown_driving(
                 return
             if event.kind == "started":
                 compiled()
-            now = event.summary
-            drives[now.folder] = now.simulations
-            done = sum(drives.values())
-            whole = total
-            if whole is None and now.budget_spent:  # the share of the drives
-                whole = round(now.simulations / now.budget_spent)
-            if whole is not None and done <= whole:  # more may be stored than is wanted now
-                show(done, whole)
+            summary = event.summary
+            drives[summary.folder] = summary.simulations
+            done, all_drives = sum(drives.values()), total
+            if all_drives is None and summary.budget_spent:  # of a budget in drives
+                all_drives = round(summary.simulations / summary.budget_spent)
+            # An earlier command with more drives may have stored more than this one needs.
+            if all_drives is not None and done <= all_drives:
+                show(done, all_drives)
 
         yield on_event
 
 
-def interrupted(log: Log, rest: str, command: Invocation | None = None) -> click.exceptions.Exit:
-    """Print what is left to do and the command that goes on; return the exit."""
-    goes_on = f"the same command goes on: {this_command()}"
+def interrupted(
+    log: Log, remaining: str, command: Invocation | None = None
+) -> click.exceptions.Exit:
+    """Print what is left to do after Ctrl-C and the command that continues; return the exit.
+
+    Args:
+        log: the console for progress.
+        remaining: what is left to do, such as "12 drives to go".
+        command: the command that continues; None if it is the present command line.
+    """
+    advice = f"the same command continues: {this_command()}"
     if command is not None:
-        goes_on = f"go on: {command}"
-    log.print(f"Interrupted: {rest}; {goes_on}", markup=False)
-    return click.exceptions.Exit(130)
+        advice = f"go on: {command}"
+    log.print(f"Interrupted: {remaining}; {advice}", markup=False)
+    return click.exceptions.Exit(INTERRUPTED)

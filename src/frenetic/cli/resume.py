@@ -1,44 +1,46 @@
-"""The command that resumes a campaign: resume."""
+"""The command `resume`, which continues a campaign."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from contextlib import chdir
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 from msgspec import structs
 
 from frenetic._support.words import counted
+from frenetic.cli.command_options import CommandOptions, PartsSource
 from frenetic.cli.console import shell
-from frenetic.cli.entries import (
-    CommandOptions,
-    PartsSource,
-    entry_option,
-    moved,
-    place_option,
-    trust_option,
-)
+from frenetic.cli.entries import entry_option, trust_option
 from frenetic.cli.options import (
-    DURATION,
+    DURATION_TYPE,
     as_usage_error,
     campaign_argument,
     json_option,
 )
 from frenetic.cli.rerun_options import campaign_source
 from frenetic.cli.search import fail_on_failure_option, make_campaign, search
+from frenetic.cli.simulator_place import moved, place_option
 from frenetic.errors import CampaignError
 from frenetic.parts.registry import SIMULATORS
 from frenetic.parts.trust import is_here
 from frenetic.spec import Budget, Spec
 
+if TYPE_CHECKING:
+    from frenetic.campaign import CampaignStore
+    from frenetic.campaign.counts import Counts
+
 
 @click.command()
 @campaign_argument
-@click.option("--simulations", type=int, metavar="N", help="N more drives.")
-@click.option("--time", "seconds", type=DURATION, help="This much more time: 90s, 10m, 1h30m.")
-@click.option("--failures", type=int, metavar="N", help="N more failures.")
+@click.option("--simulations", type=int, metavar="N", help="Stop after N more drives.")
+@click.option(
+    "--time", "seconds", type=DURATION_TYPE, help="Stop after this much more time: 90s, 10m, 1h30m."
+)
+@click.option("--failures", type=int, metavar="N", help="Stop after N more failures.")
 @entry_option("workers")
 @place_option
 @trust_option
@@ -58,128 +60,160 @@ def resume(
     """Resume the CAMPAIGN in a folder after Ctrl-C, a crash, or the end of its budget.
 
     The campaign's log is replayed to a fresh strategy. So an interrupted campaign ends as if it had
-    never been interrupted, exactly so if its budget counts simulations or failures. The command
-    refuses parts that were edited since: a driver's source, a module that it imports, a file that
-    is its argument. A campaign that was killed between its last result and its report gets what is
-    missing, also where a report of an earlier end is left. --simulations, --time and --failures add
-    to what is spent. If BeamNG.tech has moved, give its new place with --simulator, which holds for
-    this command only.
+    never been interrupted: exactly if its budget counts simulations or failures, nearly if it is a
+    time. The command refuses parts that were edited since: a driver's source, a module that it
+    imports, a file that is its argument. If the campaign was killed between its last result and its
+    report, the report is written, also over a report of an earlier end. --simulations, --time and
+    --failures set a new budget beyond what is spent, without the other limits; without these
+    options the last budget holds. If BeamNG.tech has moved, give its new place with --simulator,
+    which holds for this command only.
     """
     from frenetic.campaign import CampaignStore
-    from frenetic.campaign.advice import has_judged_drive
-    from frenetic.campaign.configuration import SPEC
     from frenetic.report import results
-    from frenetic.report.html.campaign import has_report
 
     with CampaignStore.open(campaign) as store:
-        config, facts, counts = store.config, store.facts, store.counts()
-        seconds_spent, has_drives = store.elapsed(), has_judged_drive(store)
-        source = None if config.get(SPEC) is None else campaign_source(store)
-        is_reported = has_report(store)
-    source = _require_search(campaign, config, source)
-    more = {"simulations": simulations, "time": seconds, "failures": failures}
-    spent = {
-        "simulations": counts.simulations,
-        "time": seconds_spent,
-        "failures": counts.failed,
-    }
+        source, earlier = _require_search(store), _EarlierWork.of(store)
+    added = {"simulations": simulations, "time": seconds, "failures": failures}
     with as_usage_error():
-        spec = _with_more_budget(source.spec, more, spent, facts)
-        spec, folder = _trusted(spec, simulator, source, is_trusted=is_trusted)
-        place = Path.cwd()
-        with chdir(folder):
-            names_parts = is_here(place)
+        spec = _with_budget(source.spec, added, earlier)
+        spec, parts_folder = _trusted(spec, simulator, source, is_trusted=is_trusted)
+        # Elsewhere, the names of the parts in an advised command would mean other parts.
+        names_parts = is_here(parts_folder)
+        with chdir(parts_folder):
             _refuse_edited_parts(
-                spec, source, campaign, has_drives=has_drives, names_parts=names_parts
+                spec, source, has_drives=earlier.has_drives, names_parts=names_parts
             )
             if SIMULATORS.is_own(spec.part("simulator").name):
-                spec = moved(spec, simulator)
-        assert spec.budget is not None
-        is_spent = spec.budget.spent(counts.simulations, seconds_spent, counts.failed) >= 1.0
-        if is_spent and is_reported:
+                spec = moved(spec, simulator)  # it is trusted by now, so its class may be loaded
+        is_spent = earlier.share_of(spec.budget) >= 1.0
+        if is_spent and earlier.is_reported:
             raise ValueError(
                 f"the budget of {campaign} is spent: say how much more, with --simulations,"
                 " --time or --failures"
             )
-    spec = structs.replace(spec, workers=workers and workers.workers)
-    the_campaign = make_campaign(spec, campaign, folder)
-    text = _beginning(spec, counts.tests, is_spent=is_spent)
-    search(the_campaign, results.resume, text, as_json, spec.seed, fail_on_failure=fail_on_failure)
+    spec = structs.replace(spec, workers=None if workers is None else workers.workers)
+    search(
+        make_campaign(spec, campaign, parts_folder),
+        results.resume,
+        announcement=_announcement(spec, earlier.counts.tests, is_spent=is_spent),
+        seed=spec.seed,
+        as_json=as_json,
+        fail_on_failure=fail_on_failure,
+    )
 
 
-def _beginning(spec: Spec, tests: int, *, is_spent: bool) -> str:
-    """Return the line with which the command begins, after a number of tests."""
+@dataclass(frozen=True)
+class _EarlierWork:
+    """What a campaign has done and spent before this command."""
+
+    counts: Counts
+    seconds: float
+    """Wall time spent on the search, in s."""
+    budget: object
+    """Budget of the last command, as the campaign records it; None without a record."""
+    has_drives: bool
+    """Whether the campaign holds judged drives."""
+    is_reported: bool
+    """Whether the campaign has ended, and its report shows all results."""
+
+    @classmethod
+    def of(cls, store: CampaignStore) -> _EarlierWork:
+        """Return the earlier work of a stored campaign."""
+        from frenetic.campaign.advice import has_judged_drive
+        from frenetic.report.html.campaign import has_report
+
+        return cls(
+            store.counts(),
+            store.elapsed(),
+            store.facts.get("budget"),
+            has_drives=has_judged_drive(store),
+            is_reported=has_report(store),
+        )
+
+    @property
+    def spent(self) -> dict[str, float]:
+        """Name of a limit -> amount that is spent."""
+        return {
+            "simulations": self.counts.simulations,
+            "time": self.seconds,
+            "failures": self.counts.failed,
+        }
+
+    def share_of(self, budget: Budget | None) -> float:
+        """Return the spent share of a budget, from 0 to 1."""
+        assert budget is not None, "a search by a command has a budget"
+        return budget.spent(self.counts.simulations, self.seconds, self.counts.failed)
+
+
+def _announcement(spec: Spec, tests: int, *, is_spent: bool) -> str:
+    """Return the first line that the command prints, after a number of earlier tests."""
     if is_spent:
         return f"Finishing after {counted(tests, 'test')}, which spent the budget"
-    return f"Going on after {counted(tests, 'test')} with {spec.part('strategy')}"
+    return f"Continuing after {counted(tests, 'test')} with {spec.part('strategy')}"
 
 
-def _require_search(
-    campaign: Path, config: Mapping[str, object], source: PartsSource | None
-) -> PartsSource:
-    """Return the source of a campaign's parts, if ``frenetic resume`` can go on with the campaign.
+def _require_search(store: CampaignStore) -> PartsSource:
+    """Return a campaign as a source of parts, if ``frenetic resume`` can continue it.
 
     Raises:
-        click.UsageError: another command or program goes on with the campaign.
+        click.UsageError: another command or program continues the campaign.
     """
-    from frenetic.campaign.configuration import owner_of
+    from frenetic.campaign.configuration import SPEC, owner_of
     from frenetic.campaign.stored_spec import is_client_driven
 
+    campaign, config = store.folder, store.config
     if owner := owner_of(config):
         raise click.UsageError(f"{campaign} {owner.summary}: {owner.advice}")
     if is_client_driven(config):
         raise click.UsageError(
-            f"{campaign} gets its results from another program: 'frenetic ask-tell --out"
-            f" {shell(campaign)}' goes on with it"
+            f"{campaign} gets its results from another program: continue it with 'frenetic ask-tell"
+            f" --out {shell(campaign)}'"
         )
-    if source is None:
+    if config.get(SPEC) is None:
         raise click.UsageError(
             f"{campaign} was started from Python: resume it there, with Campaign.resume()"
         )
-    return source
+    return campaign_source(store)
 
 
-def _with_more_budget(
-    spec: Spec,
-    more: Mapping[str, float | None],
-    spent: Mapping[str, float],
-    facts: Mapping[str, Any],
-) -> Spec:
-    """Return a campaign's spec with its present budget, to which options add.
+def _with_budget(spec: Spec, added: Mapping[str, float | None], earlier: _EarlierWork) -> Spec:
+    """Return a campaign's spec with the budget of the options, or else with its last budget.
 
     Args:
         spec: the campaign's spec.
-        more: name of a limit -> amount that an option adds; None without the option.
-        spent: name of a limit -> amount that is spent.
-        facts: the campaign's facts.
+        added: name of a limit -> amount that an option adds to what is spent; None without the
+            option. One option is enough to replace all limits of the last budget.
+        earlier: what the campaign has spent, and its last budget.
 
     Raises:
-        ValueError: an added amount is not positive.
+        ValueError: an added amount is not positive, or the recorded budget is damaged.
     """
     from frenetic.campaign.configuration import decode_budget
 
-    for name, amount in more.items():
+    for name, amount in added.items():
         if amount is not None and amount <= 0:
-            raise ValueError(f"{name} is {amount}: more than 0 is needed")
-    if any(amount is not None for amount in more.values()):
+            raise ValueError(f"--{name} is {amount}: more than 0 is needed")
+    if any(amount is not None for amount in added.values()):
         limits: dict[str, Any] = {
-            name: None if amount is None else spent[name] + amount for name, amount in more.items()
+            name: None if amount is None else earlier.spent[name] + amount
+            for name, amount in added.items()
         }
         return spec.with_budget(Budget(**limits))
-    if "budget" in facts:
-        return spec.with_budget(decode_budget(facts["budget"]))
+    if earlier.budget is not None:
+        return spec.with_budget(decode_budget(earlier.budget))
     return spec
 
 
 def _refuse_edited_parts(
-    spec: Spec, source: PartsSource, campaign: Path, *, has_drives: bool, names_parts: bool
+    spec: Spec, source: PartsSource, *, has_drives: bool, names_parts: bool
 ) -> None:
-    """Refuse a campaign whose parts were edited after it began; call it in the parts' folder.
+    """Refuse a campaign whose parts were edited after it began.
+
+    The current folder has to be the folder of the parts, since their files are read again.
 
     Args:
         spec: the campaign's spec.
         source: the campaign as a source of parts.
-        campaign: folder of the campaign.
         has_drives: whether the campaign has judged drives.
         names_parts: whether the advice names the parts, see `next_campaign`.
 
@@ -188,32 +222,37 @@ def _refuse_edited_parts(
     """
     from frenetic.campaign.advice import next_campaign
     from frenetic.parts.versions import edited_files
-    from frenetic.spec.part_record import PARTS
+    from frenetic.spec.parts import PARTS
 
     names = [*(spec.part(kind).name for kind in PARTS), spec.named_objective]
-    if edited := " and ".join(edited_files(names, source.sources)):
-        new = next_campaign(spec, campaign, has_drives=has_drives, names_parts=names_parts)
+    if edited := list(edited_files(names, source.sources)):
+        advice = next_campaign(spec, source.path, has_drives=has_drives, names_parts=names_parts)
         raise CampaignError(
-            f"{edited} was edited, and {campaign} tests it as it was: restore it, or {new}"
+            f"{' and '.join(edited)} {'was' if len(edited) == 1 else 'were'} edited after"
+            f" {source.path} began: restore {'it' if len(edited) == 1 else 'them'}, or {advice}"
         )
 
 
 def _trusted(
     spec: Spec, simulator: Spec | None, source: PartsSource, *, is_trusted: bool
 ) -> tuple[Spec, Path]:
-    """Return the spec with its simulator where that is now, and the folder of the parts.
+    """Return the spec whose code the user trusts, and the folder of the parts.
 
-    See `CommandOptions.trusted`.
+    A built-in or installed simulator is where ``--simulator`` says. The class of a user's own
+    simulator may be loaded only after this check, so the caller applies the option to it.
 
     Args:
         spec: the campaign's spec.
         simulator: place of the simulator now, from ``--simulator``.
         source: the campaign as a source of parts.
-        is_trusted: whether the command says ``--trust``.
+        is_trusted: whether the command line has ``--trust``.
+
+    Raises:
+        FreneticError: the campaign names code that this user has not trusted.
     """
     name = spec.part("simulator").name
     named = Spec() if simulator is None else Spec.of({"simulator": name}, simulator)
-    options = CommandOptions(named, is_trusted=is_trusted, kinds=("simulator",))
-    # Only the class of a user's own simulator says where it can be, and it is loaded afterwards.
-    placed = spec if SIMULATORS.is_own(name) else moved(spec, simulator)
-    return options.trusted(placed, source, left_out=("workers",))
+    options = CommandOptions(named, is_trusted=is_trusted, parameters=("simulator",))
+    if not SIMULATORS.is_own(name):
+        spec = moved(spec, simulator)
+    return options.trusted(spec, source, left_out=("workers",))

@@ -1,30 +1,23 @@
-"""The command that searches: run."""
+"""The command `run`, which searches for failing roads."""
 
 from __future__ import annotations
 
 import secrets
 from contextlib import chdir
 from pathlib import Path
-from typing import Any, Final
+from typing import Any
 
 import click
 
-from frenetic.cli.console import limit_of_search
-from frenetic.cli.entries import (
-    CommandOptions,
-    PartsSource,
-    entry_options,
-    part_options,
-    trust_option,
-)
-from frenetic.cli.options import folder_option, json_option
+from frenetic.cli.command_options import CommandOptions, PartsSource
+from frenetic.cli.drive_facts import limit_of_search
+from frenetic.cli.entries import entry_options, part_options, trust_option
+from frenetic.cli.options import DEFAULT_SIMULATIONS, SEED_LIMIT, folder_option, json_option
 from frenetic.cli.search import fail_on_failure_option, make_campaign, search
 from frenetic.conditions.condition import as_text
 from frenetic.parts.trust import is_here
 from frenetic.spec import Spec
-from frenetic.spec.part_record import PARTS
-
-DEFAULT_SIMULATIONS: Final = 1000
+from frenetic.spec.parts import PARTS
 
 
 @click.command()
@@ -50,45 +43,54 @@ def run(
 ) -> None:
     """Search for roads on which a driver leaves its lane.
 
-    With no option, 1000 drives of the built-in planner go into a new folder under campaigns/. The
-    first of --simulations, --time and --failures ends the search; so does Ctrl-C. FILE.toml says
-    what the options say, as every campaign's campaign.toml does; options beside it win.
+    Without options, 1000 drives of the built-in planner go into a new folder under campaigns/. The
+    first of --simulations, --time and --failures ends the search; so does Ctrl-C. FILE.toml, such
+    as a campaign's campaign.toml, sets what options set; options win.
     """
     from frenetic.campaign import new_folder
     from frenetic.report import results
 
-    options, spec = CommandOptions.of(context), Spec()
-    if file is not None:
-        spec = Spec.read(file)
-    source = None if file is None else PartsSource(file, spec)
-    spec, folder = options.trusted(options.over(spec, has_roads=False), source, left_out=())
+    options = CommandOptions.of(context)
+    file_spec = Spec() if file is None else Spec.read(file)
+    source = None if file is None else PartsSource(file, file_spec)
+    spec, code_folder = options.trusted(
+        options.over(file_spec, has_roads=False), source, left_out=()
+    )
     options.check_drawn(spec)
-    if not is_here(folder):
+    if not is_here(code_folder):
         spec = spec.with_roads_from(Path.cwd())
-    with chdir(folder):
-        spec = _with_search(spec)
-    campaign = make_campaign(spec, new_folder() if out is None else out, folder)
+    with chdir(code_folder):
+        spec = _with_defaults(spec)
+    campaign = make_campaign(spec, new_folder() if out is None else out, code_folder)
     strategy, driver, simulator = map(spec.part, PARTS)
     conditions = f" with {as_text(spec.conditions)}" if spec.conditions else ""
-    text = (
+    announcement = (
         f"Searching with {strategy} for roads on which {driver} fails in {simulator}{conditions},"
         f" seed {spec.seed}; speed limit"
         f" {limit_of_search(campaign.tester.setting, spec.from_roads)}"
     )
-    search(campaign, results.run, text, as_json, spec.seed, fail_on_failure=fail_on_failure)
+    search(
+        campaign,
+        results.run,
+        announcement=announcement,
+        seed=spec.seed,
+        as_json=as_json,
+        fail_on_failure=fail_on_failure,
+    )
 
 
-def _with_search(spec: Spec) -> Spec:
-    """Return the spec with a budget, a seed and `max_in_flight`."""
+def _with_defaults(spec: Spec) -> Spec:
+    """Return the spec with a budget, a seed and `max_in_flight`, which the campaign records."""
     from frenetic.campaign import MAX_IN_FLIGHT
-    from frenetic.parts.registry import STRATEGIES  # with what it loads, too slow for help
+    from frenetic.parts.registry import STRATEGIES
 
-    usual: dict[str, Any] = {}
+    defaults: dict[str, Any] = {}
     if spec.budget is None:
-        usual["simulations"] = DEFAULT_SIMULATIONS
+        defaults["simulations"] = DEFAULT_SIMULATIONS
     if spec.seed is None:
-        usual["seed"] = secrets.randbelow(2**31)
+        defaults["seed"] = secrets.randbelow(SEED_LIMIT)
     if spec.max_in_flight is None:
         strategy = STRATEGIES.load(spec.part("strategy").name)
-        usual["max_in_flight"] = getattr(strategy, "default_max_in_flight", None) or MAX_IN_FLIGHT
-    return Spec.of(spec, usual)
+        max_in_flight = getattr(strategy, "default_max_in_flight", None) or MAX_IN_FLIGHT
+        defaults["max_in_flight"] = max_in_flight
+    return Spec.of(spec, defaults)

@@ -1,4 +1,4 @@
-"""The command that shows campaigns: show."""
+"""The command `show`: a campaign, a list of its tests, or a test in full."""
 
 from __future__ import annotations
 
@@ -12,44 +12,40 @@ import click
 
 from frenetic._support.words import counted, oob_unit, simulated_time
 from frenetic.cli import echo
-from frenetic.cli.console import (
+from frenetic.cli.console import print_facts, print_table, shell, two_digits
+from frenetic.cli.drive_facts import facts_of_drive, limit_of_search, limit_text
+from frenetic.cli.failure_tables import (
     causes_json,
     clusters_json,
-    facts_of_drive,
     first_error,
-    limit_of_search,
-    limit_text,
     print_causes,
-    print_facts,
     print_failures,
-    print_table,
-    shell,
-    two_digits,
 )
 from frenetic.cli.options import (
-    AskedRange,
+    NamedRange,
     as_usage_error,
     campaign_argument,
     count_option,
     json_option,
-    ranges,
+    range_type,
 )
 from frenetic.conditions.condition import as_text as conditions_text
 from frenetic.conditions.condition import condition_named
 from frenetic.errors import CampaignError, FreneticError
 from frenetic.oracle.outcome import Outcome
-from frenetic.parts.versions import innermost, short_version
-from frenetic.spec.part_record import PARTS, recorded_part
+from frenetic.parts.records import innermost, short_version
+from frenetic.spec.part_text import recorded_part
+from frenetic.spec.parts import PARTS
 
 if TYPE_CHECKING:
     from frenetic.analysis.coverage import DomainCoverage
     from frenetic.campaign import CampaignStore, Test
     from frenetic.campaign.counts import Counts
 
-LISTED_GAPS: Final = 3
-"""Most cells without a drive that are named on the terminal."""
-LISTED_TESTS: Final = 20
-"""Most tests of a list on the terminal."""
+MAX_GAPS: Final = 3
+"""Most cells without a drive that are printed (our choice); the JSON has all."""
+MAX_TESTS: Final = 20
+"""Most tests that are listed without --limit (our choice); the JSON has all."""
 
 
 @click.command()
@@ -65,7 +61,7 @@ LISTED_TESTS: Final = 20
 @click.option(
     "--feature",
     "features",
-    type=ranges("max_curvature=0.05:0.07", values=False),
+    type=range_type("max_curvature=0.05:0.07", allows_value=False),
     multiple=True,
     help="List the tests with a feature or condition in a range, as in max_curvature=0.05:0.07 or"
     " friction=0.3:0.5, or show its values: friction; may be repeated.",
@@ -87,7 +83,7 @@ def show(
     campaign: Path,
     test_id: int | None,
     outcomes: tuple[str, ...],
-    features: tuple[AskedRange, ...],
+    features: tuple[NamedRange, ...],
     sort: str | None,
     limit: int | None,
     follow: bool,
@@ -98,18 +94,19 @@ def show(
     --outcome, --feature, --sort and --limit list tests. Features describe the road and the drive
     within 30 m of the place where the car left its lane, or else was nearest to its edge: length,
     max_curvature, direction_coverage, bends, mean_speed, std_speed, std_steering, mean_offset,
-    extreme_offset. A condition's name counts, too ('frenetic list conditions').
+    extreme_offset. --feature and --sort take the name of a condition, too ('frenetic list
+    conditions').
 
-    --follow looks each second at a campaign that runs on this machine. Ctrl-C leaves; the campaign
-    goes on. The exit code is 0 when the campaign has finished, 1 when it was interrupted, gave up
-    or was killed.
+    --follow shows the progress of a campaign that runs on this machine, each second. Ctrl-C ends
+    the view; the campaign continues. The exit code is 0 when the campaign has finished, 1 when it
+    was interrupted, gave up or was killed.
     """
     from frenetic.campaign import CampaignStore
 
     is_list = bool(outcomes or features or sort is not None or limit is not None)
     if is_list and test_id is not None:
         raise click.UsageError(
-            "the ID of a test shows this one: leave it out to list tests with --outcome,"
+            "the ID of a test shows this test alone: leave it out to list tests with --outcome,"
             " --feature, --sort or --limit"
         )
     if follow:
@@ -121,7 +118,7 @@ def show(
         return
     with CampaignStore.open(campaign) as store:
         if is_list:
-            limit = limit if limit is not None or as_json else LISTED_TESTS
+            limit = MAX_TESTS if limit is None and not as_json else limit
             _list_tests(store, outcomes, features, sort or "severity", limit, as_json)
         elif test_id is None:
             _show_campaign(store, as_json)
@@ -132,7 +129,7 @@ def show(
 def _list_tests(
     store: CampaignStore,
     outcomes: tuple[str, ...],
-    features: tuple[AskedRange, ...],
+    features: tuple[NamedRange, ...],
     sort: str,
     limit: int | None,
     as_json: bool,
@@ -140,11 +137,15 @@ def _list_tests(
     """Print the tests that match the options, or their first `limit`."""
     from frenetic.analysis.listing import ORDERS, list_tests
 
-    within = {asked.name: asked.limits or (-math.inf, math.inf) for asked in features}
+    anything = (-math.inf, math.inf)
+    ranges = {feature.name: feature.limits or anything for feature in features}
     with as_usage_error():
-        tests = list_tests(store, outcomes=outcomes, within=within, sort=sort)
+        tests = list_tests(store, outcomes=outcomes, within=ranges, sort=sort)
     listed = tests[:limit]
-    names = list(dict.fromkeys([*within, *([] if sort in ORDERS else [sort])]))
+    columns = dict.fromkeys(ranges)
+    if sort not in ORDERS:  # it is a feature or condition
+        columns[sort] = None
+    names = list(columns)
     rows: list[dict[str, Any]] = [
         {
             "id": test.id,
@@ -163,19 +164,19 @@ def _list_tests(
         echo(json.dumps(document))
         return
     _print_tests(rows, names, oob_unit(store.lane_width))
-    shown = f"; the first {len(listed)} are listed" if len(listed) < len(tests) else ""
-    match = "matches" if len(tests) == 1 else "match"
+    remark = f"; the first {len(listed)} are listed" if len(listed) < len(tests) else ""
+    verb = "matches" if len(tests) == 1 else "match"
     results = sum(store.by_outcome().values())
-    echo(f"{len(tests)} of {counted(results, 'result')} {match}{shown}")
+    echo(f"{len(tests)} of {counted(results, 'result')} {verb}{remark}")
 
 
 def _print_tests(rows: Sequence[Mapping[str, Any]], names: Sequence[str], moobd_unit: str) -> None:
     """Print a table of tests.
 
     Args:
-        rows: the tests, as in the JSON of a list.
+        rows: the tests, as `_list_tests` prints them in JSON.
         names: features and conditions that have a column.
-        moobd_unit: unit of MOOBD for the heading.
+        moobd_unit: unit of the MOOBD, for the heading.
     """
     from frenetic.analysis.features import FEATURES
 
@@ -198,7 +199,7 @@ def _print_tests(rows: Sequence[Mapping[str, Any]], names: Sequence[str], moobd_
                 row["outcome"],
                 two_digits(row["moobd"]),
                 two_digits(row["duration"]),
-                *(None if v is None else f"{v:.3g}" for v in row["features"].values()),
+                *(None if value is None else f"{value:.3g}" for value in row["features"].values()),
                 row["reason"],
             )
             for row in rows
@@ -207,7 +208,7 @@ def _print_tests(rows: Sequence[Mapping[str, Any]], names: Sequence[str], moobd_
 
 
 def _finite(value: float | None) -> float | None:
-    """Return a number for JSON; None for infinity."""
+    """Return a value for JSON, which has no infinity: None stands for it."""
     return None if value == math.inf else value
 
 
@@ -241,15 +242,18 @@ def _show_campaign(store: CampaignStore, as_json: bool) -> None:
         echo()
     print_failures(listed_clusters, counts, min(LISTED, len(listed_clusters)), setting.lane_width)
     if coverage is not None:
-        echo(f"\nCells of {coverage.name}: failures/drives, and what was never reached")
-        print_facts(list(_coverage(coverage)))
+        echo(
+            f"\nFailures/drives in each cell of {coverage.name}, and the most probable cells that"
+            " were never reached"
+        )
+        print_facts(list(_coverage_facts(coverage)))
     if listed_clusters:
         example = clusters.causes[0].example if counts.failed else listed_clusters[0].most_severe
-        echo(f"One in full: frenetic show {shell(store.folder)} {example}")
+        echo(f"Example in full: frenetic show {shell(store.folder)} {example}")
 
 
 def _facts_of_campaign(store: CampaignStore, counts: Counts) -> list[tuple[str, str]]:
-    """Return the facts of a campaign as labels and texts; an empty text is not shown."""
+    """Return the facts of a campaign as labels and texts; `print_facts` leaves out empty texts."""
     from frenetic.analysis.caution import caution
     from frenetic.analysis.criteria import criteria_text
     from frenetic.campaign.configuration import earlier_of
@@ -266,7 +270,7 @@ def _facts_of_campaign(store: CampaignStore, counts: Counts) -> list[tuple[str, 
     limit = limit_of_search(setting, config.get("from_roads"))
     return [
         ("campaign", str(store.folder)),
-        *((kind, _part(config, kind)) for kind in PARTS),
+        *((kind, _part_text(config, kind)) for kind in PARTS),
         ("seed", "" if config.get("seed") is None else str(config["seed"])),
         ("conditions", conditions_text(_conditions(store))),
         (
@@ -281,7 +285,7 @@ def _facts_of_campaign(store: CampaignStore, counts: Counts) -> list[tuple[str, 
         ("objective", objective_text(store)),
         *(("starts from", str(earlier)) for earlier in earlier_of(config)),
         ("budget", budget),
-        ("go on", _going_on(store)),
+        ("go on", _next_command(store)),
         ("results", counts.as_text()),
         ("known before", still_failing(store)),
         ("search", facts_text(facts.get(SEARCH_FACTS))),
@@ -293,7 +297,7 @@ def _facts_of_campaign(store: CampaignStore, counts: Counts) -> list[tuple[str, 
 
 
 def _budget(store: CampaignStore) -> str:
-    """Return the budget of a campaign, and whether it was spent."""
+    """Return the budget of a campaign as a text, and whether the campaign ended before."""
     from frenetic.campaign.stored_spec import stored_budget
 
     facts = store.facts
@@ -306,8 +310,8 @@ def _budget(store: CampaignStore) -> str:
     return budget if "finished_at" in facts else f"{budget}, not finished"
 
 
-def _going_on(store: CampaignStore) -> str:
-    """Return the command that goes on with a campaign or writes its report; empty if finished."""
+def _next_command(store: CampaignStore) -> str:
+    """Return the command that continues a campaign or writes its report; empty if finished."""
     from frenetic.campaign.configuration import OWNER, SPEC
     from frenetic.campaign.status import Status, read_state
     from frenetic.report.html.campaign import has_report
@@ -328,8 +332,8 @@ def _conditions(store: CampaignStore) -> Mapping[str, float]:
     return {**spec.amounts, **store.setting.conditions}
 
 
-def _coverage(coverage: DomainCoverage) -> Iterator[tuple[str, str]]:
-    """Yield which cells of a domain were driven: labels and texts, first one for each axis."""
+def _coverage_facts(coverage: DomainCoverage) -> Iterator[tuple[str, str]]:
+    """Yield the coverage of a domain as labels and texts: axes, pairs, gaps, drives outside."""
     for cells in coverage.singles:
         (axis,) = cells.axes
         texts = (
@@ -338,14 +342,15 @@ def _coverage(coverage: DomainCoverage) -> Iterator[tuple[str, str]]:
         )
         yield f"{axis.title}{f' ({axis.unit})' if axis.unit else ''}", ", ".join(texts)
     yield "together", coverage.as_text()
-    for i, gap in enumerate(coverage.gaps[:LISTED_GAPS]):
-        yield "" if i else "never reached", f"{gap.as_text()}, {gap.likelihood}"
+    for i, gap in enumerate(coverage.gaps[:MAX_GAPS]):
+        label = "never reached" if i == 0 else ""
+        yield label, f"{gap.as_text()}, {gap.likelihood}"
     if coverage.outside:
         yield "outside", f"{counted(coverage.outside, 'drive')}, which count nowhere"
 
 
-def _cause(test: Test) -> str:
-    """Say what the driver did wrong in a failed test; empty if unknown or in the reason."""
+def _cause_text(test: Test) -> str:
+    """Return what the driver did wrong in a failed test; empty if unknown or in the reason."""
     from frenetic.analysis.causes import as_text
     from frenetic.analysis.failures import Failure
 
@@ -353,19 +358,19 @@ def _cause(test: Test) -> str:
     return "" if failure is None or failure.cause is None else as_text(*failure.cause)
 
 
-def _part(config: Mapping[str, Any], kind: str) -> str:
-    """Return a part of a campaign's configuration as a text with options and version."""
+def _part_text(config: Mapping[str, Any], kind: str) -> str:
+    """Return a part of a campaign's configuration with its options and version."""
     version = short_version(innermost(config.get(kind)))
     return recorded_part(config, kind) + (f" [{version}]" if version else "")
 
 
 def _draw(store: CampaignStore, test: Test) -> str:
-    """Draw the picture of a test; return the path, or why nothing was drawn."""
+    """Draw a test into the campaign's folder; return the picture's path, or why there is none."""
     from frenetic.report.failures import FAILURES, PICTURES, file_stem
     from frenetic.report.picture import draw_test
 
-    kind = FAILURES if test.outcome is Outcome.FAIL else PICTURES
-    picture = store.folder / kind / f"{file_stem(test.id)}.png"
+    folder_name = FAILURES if test.outcome is Outcome.FAIL else PICTURES
+    picture = store.folder / folder_name / f"{file_stem(test.id)}.png"
     try:
         picture.parent.mkdir(exist_ok=True)
         draw_test(test, picture, f"Test {test.id}: {test.outcome}")
@@ -374,60 +379,57 @@ def _draw(store: CampaignStore, test: Test) -> str:
     return str(picture)
 
 
-def _origin(store: CampaignStore, test: Test) -> str:
-    """Return the operator that made a test's road, from which roads, and the generation."""
+def _origin_text(store: CampaignStore, test: Test) -> str:
+    """Return the operator that made a test's road, the tests of its parents, and the generation."""
     from frenetic.campaign.warm_start import driven_again
     from frenetic.search.operator_names import EARLIER, GIVEN
 
     origin, notes = test.candidate.origin, test.candidate.notes
-    source = origin.operator
+    text = origin.operator
     if origin.parents:
-        source += f" of {', '.join(map(str, origin.parents))}"
+        text += f" of {', '.join(map(str, origin.parents))}"
     earlier = driven_again(store).get(test.id) if origin.operator == EARLIER else None
-    if earlier is not None and (road := earlier.candidate.source) is not None:
-        source += f", the road of test {road.test} of {road.campaign}"
+    if earlier is not None and (source := earlier.candidate.source) is not None:
+        text += f", the road of test {source.test} of {source.campaign}"
     if GIVEN in notes:
-        source += f", {notes[GIVEN]}"
-    return f"{source}, generation {origin.generation}"
+        text += f", {notes[GIVEN]}"
+    return f"{text}, generation {origin.generation}"
 
 
 def _show_test(store: CampaignStore, test_id: int, as_json: bool) -> None:
-    """Draw a test and print it in full."""
+    """Draw a test, and print everything that is known about it."""
     from frenetic.campaign.objective_values import value_text
     from frenetic.campaign.stored_spec import signed_driving
     from frenetic.report.failures import road_document
     from frenetic.report.minimised import minimised_drives, minimised_road
 
     test = store.test(test_id)
-    number = test.result_number
+    result_number, own_conditions = test.result_number, test.candidate.conditions
     picture = _draw(store, test)
     if as_json:
         document = road_document(test, store.config, signed_driving(store))
-        echo(json.dumps(document | {"picture": picture, "result_number": number}))
+        echo(json.dumps(document | {"picture": picture, "result_number": result_number}))
         return
-    short = minimised_drives(store, [test_id]).get(test_id)
-    value, objective = test.objective, str(store.config.get("objective"))
+    minimised_text = objective_text = ""
+    if (minimised := minimised_drives(store, [test_id]).get(test_id)) is not None:
+        file = minimised_road(store.folder, test_id)
+        minimised_text = f"{minimised.road.length:.1f} m, {file}"
+    if test.objective is not None:
+        objective_text = value_text(str(store.config.get("objective")), test.objective)
+    number_text = "" if result_number == test_id else f", result {result_number}"
     print_facts(
         [
-            ("test", str(test_id) + (f", result {number}" if number != test_id else "")),
+            ("test", f"{test_id}{number_text}"),
             ("outcome", f"{test.outcome}  {test.reason}"),
-            ("origin", _origin(store, test)),
-            ("cause", _cause(test)),
-            (
-                "conditions",
-                conditions_text({**_conditions(store), **test.candidate.conditions}),
-            ),
+            ("origin", _origin_text(store, test)),
+            ("cause", _cause_text(test)),
+            ("conditions", conditions_text({**_conditions(store), **own_conditions})),
             ("road", test.road.as_text()),
-            ("limit", limit_text(store.setting, test.road, test.candidate.conditions)),
-            (
-                "minimised",
-                ""
-                if short is None
-                else f"{short.road.length:.1f} m, {minimised_road(store.folder, test_id)}",
-            ),
-            ("driver", _part(store.config, "driver")),
+            ("limit", limit_text(store.setting, test.road, own_conditions)),
+            ("minimised", minimised_text),
+            ("driver", _part_text(store.config, "driver")),
             *facts_of_drive(test.result, test.result.duration, test.road.lane_width),
-            ("objective", "" if value is None else value_text(objective, value)),
+            ("objective", objective_text),
             ("curvatures", " ".join(f"{value:.4f}" for value in test.road.curvatures)),
             ("picture", picture),
         ]

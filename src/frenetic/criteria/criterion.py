@@ -27,8 +27,8 @@ from msgspec import Struct, ValidationError, convert
 from frenetic._support.bounds import Finite, NotNegative, check
 from frenetic._support.entry_points import imported, installed
 from frenetic._support.files import read_bounded
+from frenetic._support.option_text import number_word
 from frenetic._support.outside_text import read_toml
-from frenetic._support.words import number_word
 from frenetic.errors import FreneticError
 
 GROUP: Final = "frenetic.criteria"

@@ -1,4 +1,4 @@
-"""A whole campaign for other tools."""
+"""Export of a whole campaign into a folder, for other tools."""
 
 from __future__ import annotations
 
@@ -13,24 +13,26 @@ from typing import Final, Literal, TypeAlias, get_args
 from frenetic.campaign.campaign import Campaign
 from frenetic.campaign.store import CampaignStore
 from frenetic.errors import FreneticError
-from frenetic.export.official_format import write_competition_folder
-from frenetic.export.tables import Place, opened, write_tables
+from frenetic.export.competition_folder import write_competition_folder
+from frenetic.export.table_files import write_tables
+from frenetic.export.tables import CampaignSource, open_store
 from frenetic.oracle.outcome import Outcome, chosen_outcomes
 
 Format: TypeAlias = Literal["parquet", "csv", "json", "competition"]
-Which: TypeAlias = Literal["all", "failures", "none"]
+"""Format of an exported campaign."""
+TrajectoryChoice: TypeAlias = Literal["all", "failures", "none"]
 """Choice of tests whose trajectories are exported."""
 EXPORTS: Final = "exports"
 """Folder for exports in a campaign's folder."""
 
 
 def export_campaign(
-    campaign: Place,
+    campaign: CampaignSource,
     format: str,  # noqa: A002
     out: Path | str | None = None,
     *,
     outcomes: Outcome | str | Iterable[Outcome | str] = (),
-    trajectories: Which = "all",
+    trajectories: TrajectoryChoice = "all",
     on_progress: Callable[[int, int], None] | None = None,
 ) -> Path:
     """Write a campaign's tests and trajectories into a folder, completely or not at all.
@@ -46,13 +48,15 @@ def export_campaign(
     which may be running: later results are left out.
 
     Args:
-        campaign: the campaign, as for `data_frame`; only tables can have several campaigns.
+        campaign: the campaign, as `data_frame` takes it. A folder of several campaigns is allowed
+            in all formats but ``competition``.
         format: format of the files.
         out: an empty or new folder; by default ``exports/FORMAT`` in the campaign's folder.
         outcomes: one outcome, such as ``"FAIL"``, or several: only their tests are written. Empty
             for all tests.
         trajectories: choice of the tests whose trajectories are written.
-        on_progress: called now and then with the finished work and the whole work, in tests.
+        on_progress: called now and then with the number of written tests and the number of all
+            tests.
 
     Returns:
         The folder.
@@ -64,7 +68,7 @@ def export_campaign(
     """
     for name, value, allowed in (
         ("format", format, get_args(Format)),
-        ("trajectories", trajectories, get_args(Which)),
+        ("trajectories", trajectories, get_args(TrajectoryChoice)),
     ):
         if value not in allowed:
             raise ValueError(f"{name} is {value!r}: one of {', '.join(allowed)} is needed")
@@ -81,23 +85,25 @@ def export_campaign(
         if format in ("parquet", "csv", "json"):
             write_tables(folder, campaign, format, wanted, driven, notify)
             return target
-        with opened(campaign) as store:
+        with open_store(campaign) as store:
             total = sum(store.by_outcome().values())
             write_competition_folder(
                 folder,
                 store,
                 outcomes=wanted,
                 driven=driven or (),
-                on_test=lambda n: notify(n, max(n, total)),
+                # A running campaign may have more tests by now.
+                on_test=lambda count: notify(count, max(count, total)),
             )
     return target
 
 
 @contextmanager
 def _whole_folder(target: Path) -> Iterator[Path]:
-    """Yield a new folder beside ``target`` to write into, and rename it to ``target`` at the end.
+    """Yield a new folder beside ``target`` to write into; rename it to ``target`` at the end.
 
-    If anything is raised meanwhile, the new folder is removed; after a kill, the next call does so.
+    If an error is raised meanwhile, the new folder is removed. After a kill, the next call removes
+    it.
 
     Raises:
         FreneticError: ``target`` is not empty, or the disk is full or cannot be written.
@@ -106,13 +112,13 @@ def _whole_folder(target: Path) -> Iterator[Path]:
     try:
         if os.path.lexists(target) and (not target.is_dir() or any(target.iterdir())):
             raise FreneticError(f"{target} exists already: choose another place, or remove it")
-        for left in target.parent.glob(f".{glob.escape(target.name)}-[0-9]*.part"):
-            shutil.rmtree(left, ignore_errors=True)
+        for leftover in target.parent.glob(f".{glob.escape(target.name)}-[0-9]*.part"):
+            shutil.rmtree(leftover, ignore_errors=True)
         partial = target.with_name(f".{target.name}-{os.getpid()}.part")
         partial.mkdir(parents=True)
         try:
             yield partial
-            if target.is_dir():  # and empty, so that no platform minds
+            if target.is_dir():  # it is empty; some platforms rename onto no existing folder
                 target.rmdir()
             partial.rename(target)
         finally:

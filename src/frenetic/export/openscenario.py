@@ -1,8 +1,8 @@
 """A drive along a road as an OpenSCENARIO 1.0 file, for simulators that play such scenarios.
 
-The ego car stands at the start of the ego lane, keeps to the speed limits, has a route to the
-lane's end, and the scenario ends when the car is there or takes too long. The simulator chooses the
-driver. The same road always gives the same bytes; the date, which the format demands, is fixed.
+The ego car starts at rest at the start of the ego lane, keeps to the speed limits and has a route
+to the lane's end. The scenario ends when the car arrives or takes too long. The simulator chooses
+the driver. The same road always gives the same bytes: the date that the format demands is fixed.
 """
 
 from __future__ import annotations
@@ -21,36 +21,38 @@ from frenetic.simulators.embedded import Vehicle
 from frenetic.simulators.observer import in_metres_per_second
 
 EGO: Final = "hero"
-"""Name of the ego car, which CARLA's tools look for."""
+"""Name of the ego car: the one that CARLA's tools look for."""
 MODEL: Final = "vehicle.tesla.model3"
-"""Name of the car's model, which CARLA has; other simulators draw a car by its box and axles."""
+"""Name of a car's model that CARLA has; other simulators draw the car from its box and axles."""
 START: Final = 2.5
-"""Distance of the car from the road's start, in m; ours: all wheels stand on the road."""
+"""Distance of the car from the road's start, in m; our choice: all wheels stand on the road."""
 END: Final = 0.01
-"""Distance of the route's goal from the road's end, in m; ours: beyond the end is no lane."""
+"""Distance of the route's goal from the road's end, in m; our choice: no lane is beyond the end."""
 ACCELERATION: Final = 3.0
-"""Acceleration to the speed limit, in m/s^2; ours."""
+"""Acceleration and deceleration between speed limits, in m/s^2; our choice."""
 DATE: Final = "2000-01-01T00:00:00"
 """Date in the file, which the format demands."""
 
-_HEIGHT: Final = 1.5  # [m] height of the car's box; ours
-_WHEEL: Final = 0.65  # [m] diameter of a wheel; ours
-_MAX_SPEED: Final = 70.0  # [m/s] top speed of the car; ours
+_CAR_HEIGHT: Final = 1.5  # [m] height of the car's box; our choice
+_WHEEL_DIAMETER: Final = 0.65  # [m]; our choice
+_TRACK_MARGIN: Final = 0.2  # [m] by which the track is narrower than the car; our choice
+_TOP_SPEED: Final = 70.0  # [m/s] top speed of the car; our choice
 
 
 def to_openscenario(
     road: Road, road_file: str, *, name: str = "road", rules: Rules | None = None
 ) -> str:
-    """Return an OpenSCENARIO 1.0 file that drives along a road of `to_opendrive`, as text.
+    """Return the text of an OpenSCENARIO 1.0 file with a drive along a road.
 
     Args:
-        road: the road in the OpenDRIVE file.
-        road_file: name of that file, seen from the scenario's folder.
+        road: the road, which `to_opendrive` writes into the OpenDRIVE file.
+        road_file: path of the OpenDRIVE file, relative to the scenario's folder.
         name: name of the scenario; characters that XML cannot hold are replaced.
-        rules: rules with the speed limits, the distance from the goal at which the drive ends, and
-            the longest time of a drive.
+        rules: rules that give the speed limits, the distance from the goal at which the drive ends
+            and the time limit of the drive.
     """
     rules = rules or Rules()
+    # On a very short road the car starts and ends within the outer quarters.
     start, goal = min(START, 0.25 * road.length), max(road.length - END, 0.75 * road.length)
     at_once = _later_than(0.0)
     # esmini ends with the storyboard, CARLA's runner with the act.
@@ -87,20 +89,33 @@ def to_openscenario(
 
 
 def _speed_events(speeds: Sequence[tuple[float, float]], start: float) -> Iterator[str]:
-    """Yield an event for each of the `_speeds`; for a lower limit, the car brakes before it."""
-    (_, before), *changes = speeds
-    speed_up = _speed(before, "linear", before / ACCELERATION)
+    """Yield an event for each change of speed; the car brakes before a lower speed begins.
+
+    Args:
+        speeds: speeds along the road, as `_speeds` returns them.
+        start: where the car starts, in m along the road.
+    """
+    (_, speed), *changes = speeds
+    speed_up = _speed(speed, "linear", speed / ACCELERATION)
     yield _event("speed up", "parallel", speed_up, _later_than(0.0))
-    for place, after in changes:
-        braking = max(before**2 - after**2, 0.0) / (2.0 * ACCELERATION)
-        change = _speed(after, "linear", abs(after - before) / ACCELERATION)
-        name = f"speed limit from {_number(place)} m on"
-        yield _event(name, "overwrite", change, _driven_farther_than(place - braking - start))
-        before = after
+    for distance, next_speed in changes:
+        braking_distance = max(speed**2 - next_speed**2, 0.0) / (2.0 * ACCELERATION)
+        change = _speed(next_speed, "linear", abs(next_speed - speed) / ACCELERATION)
+        name = f"speed limit from {_number(distance)} m on"
+        condition = _driven_farther_than(distance - braking_distance - start)
+        yield _event(name, "overwrite", change, condition)
+        speed = next_speed
 
 
 def _event(name: str, priority: str, action: str, condition: str) -> str:
-    """Return an event with one action, which a condition starts."""
+    """Return an event with one action, which begins when a condition holds.
+
+    Args:
+        name: name of the event.
+        priority: what happens to other events: ``parallel`` or ``overwrite``.
+        action: XML of the action.
+        condition: XML of the condition.
+    """
     return (
         f'<Event name="{name}" priority="{priority}"><Action name="{name}"><PrivateAction>{action}'
         f"</PrivateAction></Action>{_trigger('Start', {name: condition})}</Event>"
@@ -108,10 +123,10 @@ def _event(name: str, priority: str, action: str, condition: str) -> str:
 
 
 def _route(start: float, goal: float) -> str:
-    """Return the action that assigns the route between two places along the road, in m."""
+    """Return the action that assigns the route from ``start`` to ``goal``, in m along the road."""
     waypoints = (
-        f'<Waypoint routeStrategy="shortest">{_position(place)}</Waypoint>'
-        for place in (start, goal)
+        f'<Waypoint routeStrategy="shortest">{_position(distance)}</Waypoint>'
+        for distance in (start, goal)
     )
     return (
         '<RoutingAction><AssignRouteAction><Route name="to the goal" closed="false">'
@@ -120,7 +135,12 @@ def _route(start: float, goal: float) -> str:
 
 
 def _arrived(goal: float, tolerance: float) -> str:
-    """Return the condition that the car is near the goal, in m along the road."""
+    """Return the condition that the car is at most ``tolerance`` m from the goal.
+
+    Args:
+        goal: place of the goal, in m along the road.
+        tolerance: largest distance, in m.
+    """
     return (
         '<ByEntityCondition><TriggeringEntities triggeringEntitiesRule="any">'
         f'<EntityRef entityRef="{EGO}"/></TriggeringEntities><EntityCondition>'
@@ -130,9 +150,9 @@ def _arrived(goal: float, tolerance: float) -> str:
 
 
 def _speeds(limits: FloatArray, start: float, goal: float) -> list[tuple[float, float]]:
-    """Return the speeds that keep limits between two places: each from m along the road, in m/s.
+    """Return where the car changes its speed to keep the limits: (m along the road, speed in m/s).
 
-    On a short stretch, the car drives no faster than it can brake to the limit behind it.
+    On a short stretch the car is only as fast as lets it brake for the lower limit after it.
 
     Args:
         limits: speed limits, (k, 2) in m and km/h.
@@ -141,39 +161,43 @@ def _speeds(limits: FloatArray, start: float, goal: float) -> list[tuple[float, 
     """
     steps = in_metres_per_second(piece_of(LIMITS, limits, start, goal)).tolist()
     speeds: list[tuple[float, float]] = []
-    for place, limit in reversed([(start + place, limit) for place, limit in steps]):
+    for distance, limit in reversed([(start + offset, limit) for offset, limit in steps]):
+        speed = limit
         if speeds:
-            end, after = speeds[0]
-            limit = min(limit, math.sqrt(after**2 + 2.0 * ACCELERATION * (end - place)))
-        speeds.insert(0, (place, limit))
+            next_distance, next_speed = speeds[0]
+            stretch = next_distance - distance
+            speed = min(limit, math.sqrt(next_speed**2 + 2.0 * ACCELERATION * stretch))
+        speeds.insert(0, (distance, speed))
     return speeds
 
 
 def _printable(text: str) -> str:
+    """Return a text with ``?`` in place of characters that XML cannot hold."""
     return "".join(letter if letter.isprintable() else "?" for letter in text)
 
 
 def _number(value: float) -> str:
-    return repr(round(value, 6) + 0.0)
+    """Return a number with six decimals at most, as text."""
+    return repr(round(value, 6) + 0.0)  # the sum turns -0.0 into 0.0
 
 
 def _car() -> str:
     """Return the embedded simulator's car, measured from its rear axle as the format demands."""
     car = Vehicle()
-    ahead = car.rear_axle + car.body().centre_ahead
+    box_centre = car.rear_axle + car.body().centre_ahead  # [m] ahead of the rear axle
     axles = "".join(
-        f'<{tag} maxSteering="{_number(steering)}" wheelDiameter="{_WHEEL}"'
-        f' trackWidth="{_number(car.width - 0.2)}" positionX="{_number(place)}"'
-        f' positionZ="{_number(0.5 * _WHEEL)}"/>'
-        for tag, steering, place in (
+        f'<{tag} maxSteering="{_number(steering)}" wheelDiameter="{_WHEEL_DIAMETER}"'
+        f' trackWidth="{_number(car.width - _TRACK_MARGIN)}" positionX="{_number(axle_ahead)}"'
+        f' positionZ="{_number(0.5 * _WHEEL_DIAMETER)}"/>'
+        for tag, steering, axle_ahead in (
             ("FrontAxle", car.steering_limit, car.wheelbase),
             ("RearAxle", 0.0, 0.0),
         )
     )
     return f'''<ScenarioObject name="{EGO}"><Vehicle name="{MODEL}" vehicleCategory="car">
-        <BoundingBox><Center x="{_number(ahead)}" y="0.0" z="{_number(0.5 * _HEIGHT)}"/>
+        <BoundingBox><Center x="{_number(box_centre)}" y="0.0" z="{_number(0.5 * _CAR_HEIGHT)}"/>
         <Dimensions width="{_number(car.width)}" length="{_number(car.length)}"
-        height="{_HEIGHT}"/></BoundingBox><Performance maxSpeed="{_MAX_SPEED}"
+        height="{_CAR_HEIGHT}"/></BoundingBox><Performance maxSpeed="{_TOP_SPEED}"
         maxAcceleration="{_number(car.engine_acceleration)}"
         maxDeceleration="{_number(car.brake_deceleration)}"/><Axles>{axles}</Axles>
         <Properties><Property name="type" value="ego_vehicle"/></Properties></Vehicle>
@@ -181,12 +205,19 @@ def _car() -> str:
 
 
 def _position(distance: float) -> str:
-    """Return a place on the centre of the ego lane, in m along the road."""
-    place = f'<LanePosition roadId="1" laneId="-1" s="{_number(distance)}" offset="0.0"/>'
-    return f"<Position>{place}</Position>"
+    """Return the position on the ego lane's centre at a distance along the road, in m."""
+    lane_position = f'<LanePosition roadId="1" laneId="-1" s="{_number(distance)}" offset="0.0"/>'
+    return f"<Position>{lane_position}</Position>"
 
 
 def _speed(speed: float, shape: str, seconds: float) -> str:
+    """Return the action that changes the speed to ``speed`` m/s within ``seconds``.
+
+    Args:
+        speed: speed after the change, in m/s.
+        shape: course of the change: ``step`` or ``linear``.
+        seconds: duration of the change, in s.
+    """
     return (
         f'<LongitudinalAction><SpeedAction><SpeedActionDynamics dynamicsShape="{shape}"'
         f' dynamicsDimension="time" value="{_number(seconds)}"/><SpeedActionTarget>'
@@ -196,7 +227,12 @@ def _speed(speed: float, shape: str, seconds: float) -> str:
 
 
 def _trigger(kind: str, conditions: Mapping[str, str]) -> str:
-    """Return a trigger that any of the conditions fires, by their names."""
+    """Return a trigger that fires when any of the conditions holds.
+
+    Args:
+        kind: ``Start`` or ``Stop``.
+        conditions: name of a condition -> XML of the condition.
+    """
     groups = (
         f'<ConditionGroup><Condition name="{name}" delay="0.0" conditionEdge="none">{condition}'
         "</Condition></ConditionGroup>"
@@ -206,6 +242,7 @@ def _trigger(kind: str, conditions: Mapping[str, str]) -> str:
 
 
 def _driven_farther_than(distance: float) -> str:
+    """Return the condition that the car has driven more than ``distance`` m."""
     return (
         '<ByEntityCondition><TriggeringEntities triggeringEntitiesRule="any">'
         f'<EntityRef entityRef="{EGO}"/></TriggeringEntities><EntityCondition>'
@@ -215,5 +252,6 @@ def _driven_farther_than(distance: float) -> str:
 
 
 def _later_than(seconds: float) -> str:
+    """Return the condition that the simulated time is more than ``seconds``."""
     condition = f'<SimulationTimeCondition value="{_number(seconds)}" rule="greaterThan"/>'
     return f"<ByValueCondition>{condition}</ByValueCondition>"

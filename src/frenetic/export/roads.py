@@ -41,9 +41,10 @@ CSV_COLUMNS: Final = (
 )
 """Columns of the CSV format.
 
-Distance along, place, heading and curvature of the centre line; centre of the ego lane; left edge
-and right edge of the road; height of the centre line above its start, slope to the right. The ego
-lane lies between the centre line and the right edge.
+``distance_m`` to ``curvature_per_m`` belong to the centre line, ``lane_x_m`` and ``lane_y_m`` to
+the centre of the ego lane, the edges to the road: the ego lane lies between the centre line and the
+right edge. ``height_m`` is the centre line's height above its start, ``superelevation`` the slope
+to the right.
 """
 
 
@@ -53,17 +54,17 @@ SCENARIO: Final = ".xosc"
 
 @dataclass(frozen=True)
 class ExportedRoad:
-    """A road with everything else that its file contains."""
+    """A road with what else its file contains."""
 
     road: Road
     name: str
-    """Name of the road, for a file with a place for it."""
+    """Name of the road, in formats that hold a name."""
     rules: Rules = field(default_factory=Rules)
-    """Rules of its drives, which say its speed limits."""
+    """Rules of the road's drives, which include speed limits."""
     test: Test | None = None
     """The campaign's test with this road, if any."""
     origin: tuple[float, float] = ORIGIN
-    """Latitude and longitude of (0, 0), in degrees; only OpenDRIVE knows them."""
+    """Latitude and longitude of the map's origin, in degrees; only OpenDRIVE holds them."""
 
     def __post_init__(self) -> None:
         try:
@@ -75,9 +76,10 @@ class ExportedRoad:
 
 
 class RoadFormat(NamedTuple):
-    """A way to write down a road."""
+    """A format of road files."""
 
     name: str
+    """Name of the format, as ``frenetic export --format`` takes it."""
     suffix: str
     """Suffix of the file's name, different for each format."""
     render: Callable[[ExportedRoad], str]
@@ -85,6 +87,7 @@ class RoadFormat(NamedTuple):
 
 
 def _opendrive(exported: ExportedRoad) -> str:
+    """Return the road as OpenDRIVE."""
     return to_opendrive(
         replace(exported.road, speed_limits=exported.rules.speed_limits_on(exported.road)),
         name=exported.name,
@@ -93,31 +96,33 @@ def _opendrive(exported: ExportedRoad) -> str:
 
 
 def _competition(exported: ExportedRoad) -> str:
+    """Return the road's test, or the road as a test without outcome, as the competition's JSON."""
     if exported.test is not None:
         document = stored_test_document(exported.test)
     else:
-        # In place if it fits there, or else where 'frenetic drive' would move it.
+        # A road that leaves the map is moved as 'frenetic drive' would move it.
         fitted, verdict = exported.road.placed(MAP_SIZE)
-        document = competition_document(fitted or exported.road, 1, verdict)
+        document = competition_document(fitted or exported.road, test_id=1, verdict=verdict)
     return json.dumps(document) + "\n"
 
 
 def _csv(exported: ExportedRoad) -> str:
+    """Return the road as CSV, with a row for each row of its table."""
     road = exported.road
     table = road.table
-    places = np.arange(len(table)) * road.sub_step
-    wider = profile.value_at(road.widening, places)[:, None]
-    middle, left, right = (
+    distances = np.arange(len(table)) * road.sub_step
+    lane_centre, left_edge, right_edge = (
         road.sample(road.sub_step, share * road.lane_width) for share in (-0.5, 1.0, -1.0)
     )
-    outwards = (left - right) / (2.0 * road.lane_width) * wider
+    to_left = (left_edge - right_edge) / (2.0 * road.lane_width)  # unit vectors
+    widened = to_left * profile.value_at(road.widening, distances)[:, None]
     columns = np.column_stack(
         [
-            places,
+            distances,
             table[:, : CURVATURE + 1],
-            *(middle, left + outwards, right - outwards),
-            road.heights(places),
-            profile.value_at(road.superelevation, places),
+            *(lane_centre, left_edge + widened, right_edge - widened),
+            road.heights(distances),
+            profile.value_at(road.superelevation, distances),
         ]
     )
     lines = [",".join(CSV_COLUMNS)]
@@ -126,22 +131,24 @@ def _csv(exported: ExportedRoad) -> str:
 
 
 def _json(exported: ExportedRoad) -> str:
+    """Return the road as our own JSON."""
     return json.dumps(entries_of(exported.road)) + "\n"
 
 
 def _beamng(exported: ExportedRoad) -> str:
+    """Return the road as nodes of a BeamNG decal road: x, y, height and width, in m."""
     road = exported.road
-    places = road.distances()
-    height = GROUND + road.heights(places).round(6)
-    width = 2.0 * (road.lane_width + profile.value_at(road.widening, places))
+    distances = road.distances()
+    height = GROUND + road.heights(distances).round(6)
+    width = 2.0 * (road.lane_width + profile.value_at(road.widening, distances))
     nodes = np.column_stack([road.road_points.round(6), height, width]).tolist()
     return "[\n" + ",\n".join(map(json.dumps, nodes)) + "\n]\n"
 
 
 FORMATS: Final[Mapping[str, RoadFormat]] = MappingProxyType(
     {
-        item.name: item
-        for item in (
+        road_format.name: road_format
+        for road_format in (
             RoadFormat("opendrive", ".xodr", _opendrive),
             RoadFormat("competition", ".competition.json", _competition),
             RoadFormat("csv", ".csv", _csv),
@@ -150,7 +157,7 @@ FORMATS: Final[Mapping[str, RoadFormat]] = MappingProxyType(
         )
     }
 )
-"""Name -> format."""
+"""Name -> format of road files."""
 
 
 def road_format(name: str) -> RoadFormat:
@@ -166,41 +173,50 @@ def road_format(name: str) -> RoadFormat:
 
 
 def format_of(path: Path | str) -> RoadFormat:
-    """Return the format of a file's name, by its suffix.
+    """Return the format that the suffix of a file's name stands for.
 
     Raises:
         UnknownNameError: several formats have the suffix, or none.
     """
-    named = [item for item in FORMATS.values() if Path(path).name.lower().endswith(item.suffix)]
-    longest = max((item.suffix for item in named), key=len, default="")
+    name = Path(path).name.lower()
+    suffixes = [known.suffix for known in FORMATS.values() if name.endswith(known.suffix)]
+    longest = max(suffixes, key=len, default="")
     # A name that ends in just .json may be meant for any of the formats that are JSON.
-    possible = [item for item in FORMATS.values() if item.suffix.endswith(longest)]
+    possible = [known for known in FORMATS.values() if known.suffix.endswith(longest)]
     if len(possible) > 1:
-        known = ", ".join(item.name for item in possible)
+        known = ", ".join(choice.name for choice in possible)
         raise UnknownNameError(f"{path} does not say its format: choose a format from {known}")
     return possible[0]
 
 
 def write_road(exported: ExportedRoad, name: str, path: Path | str) -> None:
-    """Write a road to a file in the format with this name, whole or not at all.
+    """Write a road to a file, whole or not at all.
 
-    Beside an OpenDRIVE file comes an OpenSCENARIO file of the same name, with the suffix ``.xosc``.
+    An OpenDRIVE file gets an OpenSCENARIO file of the same name, with the suffix ``.xosc``, beside
+    it.
+
+    Args:
+        exported: the road.
+        name: name of the format.
+        path: path of the file; an existing file is replaced.
 
     Raises:
         UnknownNameError: no format has this name.
-        FreneticError: a file cannot be written, or road and scenario would have the same name.
+        FreneticError: a file cannot be written, or the path ends in ``.xosc``, the suffix of the
+            scenario.
     """
     path = Path(path)
     texts = {path: road_format(name).render(exported)}
     if name == "opendrive":
-        beside = path.with_suffix(SCENARIO)
-        if path == beside:
+        scenario_path = path.with_suffix(SCENARIO)
+        if path == scenario_path:
             raise FreneticError(
                 f"{path} would be the name of the scenario beside the road: choose one that ends in"
                 " .xodr"
             )
-        text = to_openscenario(exported.road, path.name, name=exported.name, rules=exported.rules)
-        texts[beside] = text
+        texts[scenario_path] = to_openscenario(
+            exported.road, path.name, name=exported.name, rules=exported.rules
+        )
     for file, text in texts.items():
         # Bytes, since text files have other line ends on Windows.
         write_file(file, text.encode("utf-8"), remedy="choose another place", parents=True)

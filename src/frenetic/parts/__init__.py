@@ -1,1 +1,1 @@
-"""Parts by their names: strategies, drivers and simulators, their versions, and whose code runs."""
+"""Parts of a run, such as drivers: their names, versions and records, and whose code is loaded."""

@@ -1,8 +1,9 @@
-"""Strategies, drivers and simulators by name: built in, installed by others, or a user's own.
+"""Registries of strategies, drivers, simulators and objectives.
 
-A name stands for ``module:Class`` and is imported on use, so listing the names imports nothing.
-Other packages add theirs with an entry point in the group ``frenetic.strategies``,
-``frenetic.drivers`` or ``frenetic.simulators``.
+A registry finds a part by its name: built in, installed by others, or in a user's own file. Each
+name stands for a target ``module:Class``, which is imported on use: listing names imports nothing.
+Other packages add their parts with an entry point in the group ``frenetic.strategies``,
+``frenetic.drivers``, ``frenetic.simulators`` or ``frenetic.objectives``.
 """
 
 from __future__ import annotations
@@ -23,48 +24,13 @@ from typing import Any, Final
 from frenetic._support.entry_points import RegisteredPart, installed
 from frenetic.criteria.criterion import SIGNALS
 from frenetic.errors import FreneticError, UnknownNameError, describe_raised, place_of
+from frenetic.parts.construction import (
+    Construction,
+    named_parameters,
+    option_names,
+    required_options,
+)
 from frenetic.parts.user_modules import load_own_module, load_user_file
-
-
-def options_of(part: object) -> Mapping[str, Any] | None:
-    """Return the options of a part; None if the part does not keep them."""
-    options = getattr(part, "options", None)
-    return options if isinstance(options, Mapping) else None
-
-
-@dataclass(frozen=True)
-class Construction:
-    """The call that makes a part of its name."""
-
-    factory: Callable[..., Any]
-    """Class of the part, or a function."""
-    arguments: Mapping[str, Any]
-    """Name -> value of each argument, with defaults."""
-
-
-def arguments_of(part: object) -> dict[str, Any]:
-    """Return the arguments of an object's constructor that it keeps as attributes.
-
-    An attribute has the name of the argument, or this name after an underscore.
-    """
-    arguments = {}
-    for name in (parameter.name for parameter in _parameters(type(part))):
-        for attribute in (name, f"_{name}"):
-            try:
-                arguments[name] = getattr(part, attribute)
-                break
-            except Exception:  # noqa: S112  # a foreign attribute may raise anything
-                continue
-    return arguments
-
-
-def _parameters(factory: Callable[..., Any]) -> list[inspect.Parameter]:
-    """Return a factory's named parameters, as far as its signature shows them."""
-    try:
-        parameters = inspect.signature(factory).parameters.values()
-    except (TypeError, ValueError):
-        return []
-    return [p for p in parameters if p.kind in (p.POSITIONAL_OR_KEYWORD, p.KEYWORD_ONLY)]
 
 
 @dataclass(frozen=True)
@@ -72,9 +38,9 @@ class Registry:
     """The known names of one kind of part."""
 
     kind: str
-    """Word for the kind: strategy, driver, simulator."""
+    """Word for the kind: strategy, driver, simulator or objective."""
     group: str
-    """RegisteredPart-point group."""
+    """Group of the entry points with which other packages register their parts."""
     built_in: Mapping[str, tuple[str, str]]
     """Name -> (``module:Class``, summary)."""
     methods: tuple[str, ...]
@@ -83,7 +49,7 @@ class Registry:
     """Word for the code that a user's name refers to: class or function."""
 
     def entries(self) -> list[RegisteredPart]:
-        """Return all entries: built-in ones, then installed ones in alphabetical order.
+        """Return the built-in entries, then the installed ones in alphabetical order.
 
         Raises:
             FreneticError: an installed package claims a name that is already taken.
@@ -93,7 +59,7 @@ class Registry:
             for name, (target, summary) in self.built_in.items()
         }
         for entry in installed(self.group):
-            if entry.name.startswith("."):
+            if entry.name.startswith("."):  # a kind of file, see `files`
                 continue
             if entry.name in entries:
                 raise FreneticError(
@@ -106,16 +72,16 @@ class Registry:
 
     @property
     def files(self) -> Mapping[str, str]:
-        """End of a file's name -> ``module:Class`` that is made of such a file.
+        """Suffix of a data file -> target ``module:Class`` of the part that is made of such a file.
 
-        The class takes the file as its first argument. A package adds a kind of file by an entry
-        point with the name of the end, such as ``.onnx``.
+        The class takes the file's path as its first argument. A package adds a kind of file with an
+        entry point whose name is the suffix, such as ``.onnx``.
         """
         entries = installed(self.group)
         return {entry.name: entry.target for entry in entries if entry.name.startswith(".")}
 
-    def about(self, entry: RegisteredPart) -> str:
-        """Return a line about a part: its summary, or its docstring's first line, or its target."""
+    def summary_of(self, entry: RegisteredPart) -> str:
+        """Return a part's summary; without one its docstring's first line, else its target."""
         if entry.summary:
             return entry.summary
         with suppress(FreneticError):
@@ -124,7 +90,10 @@ class Registry:
         return entry.target
 
     def is_own(self, name: str) -> bool:
-        """Return whether a name stands for code that is not ours; import nothing."""
+        """Return whether a name stands for code outside the package `frenetic`; import nothing.
+
+        A data file is no code.
+        """
         target = {entry.name: entry.target for entry in self.entries()}.get(name, name)
         module, separator, _ = target.rpartition(":")
         if not separator or Path(name).suffix.lower() in self.files:
@@ -132,7 +101,7 @@ class Registry:
         return module.endswith(".py") or module.partition(".")[0] != "frenetic"
 
     def load(self, name: str) -> Callable[..., Any]:
-        """Return the class or factory of a name, ``module:Class``, ``file.py:Class`` or data file.
+        """Return the class or factory that a name, a target or a data file stands for.
 
         Relative files and the user's modules are looked for in the current folder.
 
@@ -146,11 +115,11 @@ class Registry:
         if (suffix := Path(name).suffix.lower()) in self.files:
             return partial(self._import(self.files[suffix], name), name)
         if ":" in name:
-            place, _, attribute = name.rpartition(":")
-            if Path(place).suffix.lower() in self.files:
+            source, _, attribute = name.rpartition(":")
+            if Path(source).suffix.lower() in self.files:
                 raise FreneticError(
                     f"{self.kind} {name!r}: a file of data has no {self.target} {attribute!r}: name"
-                    f" the file alone, {place}"
+                    f" the file alone, {source}"
                 )
             return self._import(name, name, is_users=True)
         files = "".join(f" or path/to/file{suffix}" for suffix in self.files)
@@ -170,19 +139,19 @@ class Registry:
         """Return name and options of a part with absolute paths, for use in another folder.
 
         Args:
-            name: of the part.
-            options: of the part.
-            folder: from which relative paths go.
+            name: name of the part.
+            options: options of the part.
+            folder: folder to which relative paths in the name and the options refer.
 
         Raises:
-            FreneticError: the part is a module of the user's own, which no other folder finds.
+            FreneticError: the name is a module of the user's, which is not found from elsewhere.
         """
         options = absolute_files(options, folder)
-        place, _, attribute = name.rpartition(":")
+        source, _, attribute = name.rpartition(":")
         if name in {entry.name for entry in self.entries()}:
             return name, options
-        if place.endswith(".py"):
-            return f"{_path_in(folder, place).absolute()}:{attribute}", options
+        if source.endswith(".py"):
+            return f"{_path_in(folder, source).absolute()}:{attribute}", options
         if Path(name).suffix.lower() in self.files:
             return str(_path_in(folder, name).absolute()), options
         raise FreneticError(
@@ -192,33 +161,26 @@ class Registry:
         )
 
     def make(self, name: str, /, **options: Any) -> Any:
-        """Return a part of a name, made with the options.
+        """Make the part that a name stands for.
 
         Args:
-            name: of the part.
-            options: of its class.
+            name: name of the part, as `load` takes it.
+            options: options of the part's class.
 
         Raises:
-            FreneticError: as `load`; or the options do not suit, or the part lacks a method.
+            FreneticError: the name cannot be loaded, an option does not suit, or the part lacks a
+                method.
         """
         return self._make(self.load(name), name, options)
 
     def _make(self, factory: Callable[..., Any], name: str, options: Mapping[str, Any]) -> Any:
         self._check_options(factory, name, options)
-        if missing := [option for option in self.needs(factory) if option not in options]:
-            raise FreneticError(f"{self.kind} {name!r} needs the option {' and '.join(missing)}")
         try:
             with redirect_stdout(sys.stderr):  # stdout is for results
                 part = factory(**options)
         except (TypeError, ValueError, ArithmeticError) as error:
-            # An error about a type seldom names the option.
-            if isinstance(error, TypeError) and self.option_names(factory) is not None:
-                self._check_kinds(factory, name, options, {"int", "float", "None"}, "a number")
-            texts = ", ".join(f"{option}={value!r}" for option, value in options.items())
-            which = f" with {texts}" if isinstance(error, TypeError) and texts else ""
-            place = f" ({at})" if (at := place_of(error)) else ""
-            raise FreneticError(f"{self.kind} {name!r}{which}: {_line(error)}{place}") from error
-        except FreneticError:
+            raise self._refusal(factory, name, options, error) from error
+        except FreneticError:  # it says itself what is wrong
             raise
         except (Exception, SystemExit) as error:
             raise FreneticError(
@@ -231,37 +193,54 @@ class Registry:
             )
         return part
 
+    def _refusal(
+        self, factory: Callable[..., Any], name: str, options: Mapping[str, Any], error: Exception
+    ) -> FreneticError:
+        """Return the message for options that a factory refused with an error."""
+        option_texts = ""
+        if isinstance(error, TypeError):  # which seldom names the option
+            if option_names(factory) is not None:
+                self._require_types(factory, name, options, {"int", "float", "None"}, "a number")
+            option_texts = ", ".join(f"{option}={value!r}" for option, value in options.items())
+        which = f" with {option_texts}" if option_texts else ""
+        where = f" ({place})" if (place := place_of(error)) else ""
+        return FreneticError(f"{self.kind} {name!r}{which}: {_one_line(error)}{where}")
+
     def make_from(
         self, name: str, options: Mapping[str, Any], available: Mapping[str, object]
     ) -> Any:
-        """Return a part made with options, and with those available options that its class takes.
+        """Make a part with its user's options and those available options that its class takes.
 
         Args:
-            name: of the part.
-            options: of its user.
-            available: further options, by name.
+            name: name of the part, as `load` takes it.
+            options: options that the user sets.
+            available: options that follow from the campaign, such as the seed, by name.
 
         Raises:
-            FreneticError: as `make`; or the user sets an available option.
+            FreneticError: as for `make`, or the user sets an available option.
         """
         factory = self.load(name)
-        return self._make(factory, name, self._taken(factory, options, available))
+        return self._make(factory, name, self._arguments(factory, options, available))
 
     def construction(
         self, name: str, options: Mapping[str, Any], available: Mapping[str, object]
     ) -> Construction:
-        """Return the call with which `make_from` makes a part; raise what it raises before."""
+        """Return the call with which `make_from` makes a part, without making it.
+
+        Raises:
+            FreneticError: the name cannot be loaded, or the user sets an available option.
+        """
         factory = self.load(name)
-        arguments = self._taken(factory, options, available)
+        arguments = self._arguments(factory, options, available)
         try:
             bound = inspect.signature(factory).bind(**arguments)
-        except (TypeError, ValueError):  # it hides its parameters
+        except (TypeError, ValueError):  # the factory hides its parameters, or refuses these
             return Construction(factory, arguments)
         bound.apply_defaults()
-        bound_arguments = {p.name: bound.arguments[p.name] for p in _parameters(factory)}
+        bound_arguments = {p.name: bound.arguments[p.name] for p in named_parameters(factory)}
         return Construction(factory, bound_arguments | arguments)
 
-    def _taken(
+    def _arguments(
         self,
         factory: Callable[..., Any],
         options: Mapping[str, Any],
@@ -274,27 +253,19 @@ class Registry:
                     f"the option {option} of the {self.kind} is not allowed: it follows from the"
                     " options of the command"
                 )
-        takes = self.option_names(factory)
-        return {**options, **{k: v for k, v in available.items() if takes is None or k in takes}}
-
-    def needs(self, factory: Callable[..., Any]) -> list[str]:
-        """Return the names of options without a default, as far as the factory shows them."""
-        return [p.name for p in _parameters(factory) if p.default is p.empty]
-
-    def option_names(self, factory: Callable[..., Any]) -> list[str] | None:
-        """Return the names of a factory's options; None if it takes any or hides them."""
-        try:
-            parameters = inspect.signature(factory).parameters.values()
-        except (TypeError, ValueError):
-            return None
-        if any(p.kind is p.VAR_KEYWORD for p in parameters):
-            return None
-        return [p.name for p in _parameters(factory)]
+        names = option_names(factory)
+        taken = {k: v for k, v in available.items() if names is None or k in names}
+        return {**options, **taken}
 
     def _check_options(
         self, factory: Callable[..., Any], name: str, options: Mapping[str, Any]
     ) -> None:
-        names = self.option_names(factory)
+        """Check that a factory has the options, that none is missing, and truth values.
+
+        Raises:
+            FreneticError: an option is unknown or missing, or no truth value where it has to be.
+        """
+        names = option_names(factory)
         for option in options:
             if names is not None and option not in names:
                 raise FreneticError(
@@ -302,42 +273,62 @@ class Registry:
                     f" It has: {', '.join(names) or 'none'}"
                 )
         if names is not None:
-            self._check_kinds(factory, name, options, {"bool", "None"}, "true or false")
+            self._require_types(factory, name, options, {"bool", "None"}, "true or false")
+        if missing := [option for option in required_options(factory) if option not in options]:
+            raise FreneticError(f"{self.kind} {name!r} needs the option {' and '.join(missing)}")
 
-    def _check_kinds(
+    def _require_types(
         self,
         factory: Callable[..., Any],
         name: str,
         options: Mapping[str, Any],
-        kinds: set[str],
-        needed: str,
+        types: set[str],
+        expected: str,
     ) -> None:
-        """Refuse texts, and numbers for truth values, where a parameter takes these kinds only."""
-        refused = (str, int) if "bool" in kinds else str
+        """Check the options whose annotations allow these types alone.
+
+        Args:
+            factory: factory that shows its parameters.
+            name: name of the part, for the message.
+            options: options of the factory.
+            types: names of types, as annotations have them.
+            expected: the types in words, for the message.
+
+        Raises:
+            FreneticError: an option is a text, or a number where a truth value is expected.
+        """
+        refused = (str, int) if "bool" in types else str
         parameters = inspect.signature(factory).parameters
         for option, value in options.items():
-            # A text where annotations are not evaluated.
-            wanted = inspect.formatannotation(parameters[option].annotation).strip("'")
+            # With `from __future__ import annotations` an annotation is a text.
+            annotation = inspect.formatannotation(parameters[option].annotation).strip("'")
             if (
-                kinds.issuperset(re.split(r"[ |]+", wanted))
+                types.issuperset(re.split(r"[ |]+", annotation))
                 and isinstance(value, refused)
                 and not isinstance(value, bool)
             ):
                 raise FreneticError(
-                    f"{self.kind} {name!r}: {option} is {value!r}: {needed} is needed"
+                    f"{self.kind} {name!r}: {option} is {value!r}: {expected} is needed"
                 )
 
-    def _import(self, target: str, name: str, is_users: bool = False) -> Callable[..., Any]:
-        place, _, attribute = target.rpartition(":")
+    def _import(self, target: str, name: str, *, is_users: bool = False) -> Callable[..., Any]:
+        """Return the class or factory of a target.
+
+        Args:
+            target: ``module:Class`` or ``file.py:Class``.
+            name: name of the part, for messages.
+            is_users: whether the user named the target, whose module may lie in the current folder.
+        """
+        source, _, attribute = target.rpartition(":")
         try:
             with redirect_stdout(sys.stderr):  # stdout is for results
-                if place.endswith(".py"):
-                    module = load_user_file(place)
+                if source.endswith(".py"):
+                    module = load_user_file(source)
                 elif is_users:
-                    module = load_own_module(place)
+                    module = load_own_module(source)
                 else:
-                    module = importlib.import_module(place)
-        except FreneticError:
+                    module = importlib.import_module(source)
+        except FreneticError:  # it says itself what is wrong
             raise
         except ModuleNotFoundError as error:
             raise FreneticError(
@@ -353,7 +344,7 @@ class Registry:
             names = _defined_names(module, with_classes=self.target == "class")
             which = f"no {self.target} {attribute!r}{hint(attribute, names)}"
             raise FreneticError(
-                f"{self.kind} {name!r}: {place} has {which} It defines:"
+                f"{self.kind} {name!r}: {source} has {which} It defines:"
                 f" {', '.join(names) or 'none'}"
             )
         factory: Callable[..., Any] = value
@@ -361,7 +352,7 @@ class Registry:
 
 
 def _defined_names(module: ModuleType, *, with_classes: bool) -> list[str]:
-    """Return public names of the functions, and classes, that a module or its package defines."""
+    """Return the public functions of a module, and its classes if asked, but no imported names."""
     return [
         name
         for name, value in vars(module).items()
@@ -372,12 +363,16 @@ def _defined_names(module: ModuleType, *, with_classes: bool) -> list[str]:
 
 
 def hint(name: str, known: Iterable[str]) -> str:
-    """Return the end of a sentence: a full stop, or a question for the close match."""
+    """Return the end of a sentence about an unknown name.
+
+    The end is ``; did you mean 'planner'?`` if a known name is close, else a full stop.
+    """
     close = difflib.get_close_matches(name, list(known), n=1)
     return f"; did you mean {close[0]!r}?" if close else "."
 
 
-def _line(error: BaseException) -> str:
+def _one_line(error: BaseException) -> str:
+    """Return the text of an error on one line; its class if it has no text."""
     return " ".join(str(error).split()) or type(error).__name__
 
 
@@ -387,7 +382,12 @@ def _path_in(folder: Path | str, name: str) -> Path:
 
 
 def absolute_files(options: Mapping[str, Any], folder: Path | str) -> dict[str, Any]:
-    """Return options with absolute paths of the files that exist."""
+    """Return options in which the path of each existing file is absolute.
+
+    Args:
+        options: options of a part.
+        folder: folder to which relative paths refer.
+    """
     return {
         option: str(file.absolute())
         if isinstance(value, str) and value and (file := _path_in(folder, value)).exists()
@@ -397,9 +397,9 @@ def absolute_files(options: Mapping[str, Any], folder: Path | str) -> dict[str, 
 
 
 STRATEGIES: Final = Registry(
-    "strategy",
-    "frenetic.strategies",
-    {
+    kind="strategy",
+    group="frenetic.strategies",
+    built_in={
         "frenetic": (
             "frenetic.search:Frenetic",
             "roads that fail as no known failure does, from an archive of what was driven;"
@@ -411,13 +411,13 @@ STRATEGIES: Final = Registry(
         ),
         "random": ("frenetic.search:RandomSearch", "random roads only, the baseline"),
     },
-    ("ask", "tell"),
+    methods=("ask", "tell"),
 )
 
 DRIVERS: Final = Registry(
-    "driver",
-    "frenetic.drivers",
-    {
+    kind="driver",
+    group="frenetic.drivers",
+    built_in={
         "planner": (
             "frenetic.drivers:Planner",
             "knows the road ahead, speed from curvature, pure-pursuit steering; the default",
@@ -428,13 +428,13 @@ DRIVERS: Final = Registry(
             "a model of BeamNG.AI, fitted to recorded drives; in the simulator beamng, BeamNG.AI",
         ),
     },
-    ("reset", "act"),
+    methods=("reset", "act"),
 )
 
 OBJECTIVES: Final = Registry(
-    "objective",
-    "frenetic.objectives",
-    {
+    kind="objective",
+    group="frenetic.objectives",
+    built_in={
         "moobd": ("frenetic.campaign.objective:moobd", "minimum oob distance, lower is worse"),
         "oob-share": (
             "frenetic.campaign.objective:oob_share",
@@ -454,37 +454,18 @@ OBJECTIVES: Final = Registry(
             for signal in SIGNALS.values()
         },
     },
-    (),
+    methods=(),
     target="function",
 )
 
 SIMULATORS: Final = Registry(
-    "simulator",
-    "frenetic.simulators",
-    {
+    kind="simulator",
+    group="frenetic.simulators",
+    built_in={
         "embedded": (
             "frenetic.simulators:EmbeddedSimulator",
             "a dynamic single-track car in compiled code, headless",
         ),
     },
-    ("drive", "__enter__", "__exit__"),
+    methods=("drive", "__enter__", "__exit__"),
 )
-
-
-def part_name(record: object) -> str:
-    """Return the name of a described part as the command line takes it.
-
-    A driver made of a file has the file's name, another part of a user's own its class's name.
-    """
-    part = record if isinstance(record, Mapping) else {}
-    module, _, kind = str(part.get("class", "")).rpartition(":")
-    for registry in (STRATEGIES, DRIVERS, SIMULATORS):
-        targets = {entry.name: entry.target for entry in registry.entries()}
-        for name, target in {**targets, **registry.files}.items():
-            package, _, attribute = target.partition(":")
-            if kind == attribute and f"{module}.".startswith(f"{package}."):
-                options = part.get("options")
-                texts = map(str, options.values()) if isinstance(options, Mapping) else ()
-                files = (text for text in texts if text.lower().endswith(name))
-                return name if name in targets else re.split(r"[/\\]", next(files, kind))[-1]
-    return kind or "unknown"

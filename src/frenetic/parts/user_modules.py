@@ -1,4 +1,4 @@
-"""Modules of the user's own: loading them, their folders, and modules that shadow them."""
+"""Loading of a user's own modules, with a refusal if Python would import another in their place."""
 
 from __future__ import annotations
 
@@ -18,60 +18,63 @@ from frenetic.parts.source_imports import files_of, imported_names
 
 USER_MODULE: Final = "frenetic_user_"
 """Prefix of the names of modules loaded from a user's file."""
-_INSTALLED: Final = frozenset({"site-packages", "dist-packages"})
-_STANDARD: Final = tuple({sysconfig.get_path("stdlib"), sysconfig.get_path("platstdlib")})
-_FOLDERS: Final[set[str]] = set()
+_INSTALL_FOLDERS: Final = frozenset({"site-packages", "dist-packages"})
+"""Names of the folders that hold installed packages."""
+_STANDARD_FOLDERS: Final = tuple({sysconfig.get_path("stdlib"), sysconfig.get_path("platstdlib")})
+"""Folders of the standard library."""
+_ADDED_FOLDERS: Final[set[str]] = set()
 """Folders of users' parts that this process has added to the module path."""
 
 
 def _add_folder(folder: Path) -> None:
     """Put the folder of a user's part at the end of the module path, before earlier parts' folders.
 
-    So a module beside the part comes before modules beside other parts, but after installed
+    A module beside the part then comes before modules beside other parts, but after installed
     modules.
     """
-    place = str(folder)
-    if place in sys.path and place not in _FOLDERS:
+    added = str(folder)
+    if added in sys.path and added not in _ADDED_FOLDERS:
         return
-    _FOLDERS.add(place)
-    earlier = [path for path in sys.path if path in _FOLDERS and path != place]
-    sys.path[:] = [*(path for path in sys.path if path not in _FOLDERS), place, *earlier]
+    _ADDED_FOLDERS.add(added)
+    earlier = [path for path in sys.path if path in _ADDED_FOLDERS and path != added]
+    sys.path[:] = [*(path for path in sys.path if path not in _ADDED_FOLDERS), added, *earlier]
 
 
 def user_folders() -> frozenset[str]:
     """Return the folders of users' parts that this process has added to the module path."""
-    return frozenset(_FOLDERS)
+    return frozenset(_ADDED_FOLDERS)
 
 
 def load_own_module(name: str) -> Any:
-    """Return a module that the user named, which may lie in the current folder.
+    """Import a module that the user named, which may lie in the current folder, and return it.
 
     Raises:
-        FreneticError: Python would take another module for it or for one of its imports.
+        FreneticError: Python would import another module in place of the named one or of a module
+            that it imports.
     """
-    place = Path.cwd()
-    _add_folder(place)
+    folder = Path.cwd()
+    _add_folder(folder)
     top = name.partition(".")[0]
-    if (shadowed := _shadowed(top, place)) is None:
-        _check_helpers(files_of(name, [place]), place)
-    else:
+    if (shadowed := _shadowed(top, folder)) is not None:
         raise FreneticError(
             f"Python takes {shadowed.by} for the module {top!r}, not {shadowed.file}: rename that,"
             " or name a file in it, such as path/to/file.py:Class"
         )
+    _check_helpers(files_of(name, [folder]), folder)
     return importlib.import_module(name)
 
 
 class _Shadowed(NamedTuple):
-    """A module of a user's folder in whose place Python takes another of this name."""
+    """A module of a user's folder that another module of the same name shadows."""
 
     file: Path
+    """File of the user's module."""
     by: str
-    """File that Python takes; ``built-in`` or ``frozen`` for a part of Python without a file."""
+    """File that Python imports; ``built-in`` or ``frozen`` for a module without a file."""
 
 
 def _check_helpers(files: Iterable[tuple[str, Path, Path]], folder: Path) -> None:
-    """Check that Python imports the modules beside a user's file where the file names them.
+    """Check that Python imports the modules beside a user's file, where the file imports them.
 
     Args:
         files: name, file and folder of each module, as `files_of` gives them.
@@ -80,17 +83,17 @@ def _check_helpers(files: Iterable[tuple[str, Path, Path]], folder: Path) -> Non
     Raises:
         FreneticError: Python would import a standard, installed or other module instead.
     """
-    waiting, sources = list(files), set[Path]()
+    waiting, read_files = list(files), set[Path]()
     while waiting:
         module, file, _ = waiting.pop()
-        if file in sources:
+        if file in read_files:
             continue
-        sources.add(file)
+        read_files.add(file)
         package = module if file.name == "__init__.py" else module.rpartition(".")[0]
         for imported in imported_names(file.read_text("utf-8", "replace"), package):
             top = imported.partition(".")[0]
             shadowed = _shadowed(top, folder)
-            if shadowed is not None and shadowed.file not in sources:
+            if shadowed is not None and shadowed.file not in read_files:
                 raise FreneticError(
                     f"{file} imports {top!r}: Python takes {shadowed.by} for it, not"
                     f" {shadowed.file}: rename that"
@@ -99,10 +102,10 @@ def _check_helpers(files: Iterable[tuple[str, Path, Path]], folder: Path) -> Non
 
 
 def _shadowed(name: str, folder: Path) -> _Shadowed | None:
-    """Return the module of a folder if Python imports another of its name; None otherwise.
+    """Return the module of a folder if Python imports another module of its name; else None.
 
     Args:
-        name: of the module, without dots.
+        name: name of the module, without dots.
         folder: a folder on the module path.
     """
     stems = (f"{name}/__init__", name) if name else ()
@@ -121,9 +124,9 @@ def _shadowed(name: str, folder: Path) -> _Shadowed | None:
 
 
 def is_local(file: Path) -> bool:
-    """Return whether a module's file is neither installed nor of the standard library."""
-    is_installed = not _INSTALLED.isdisjoint(file.parts)
-    return not is_installed and not any(file.is_relative_to(place) for place in _STANDARD)
+    """Return whether a module's file is neither installed nor part of the standard library."""
+    is_installed = not _INSTALL_FOLDERS.isdisjoint(file.parts)
+    return not is_installed and not any(file.is_relative_to(place) for place in _STANDARD_FOLDERS)
 
 
 def user_files() -> list[str]:
@@ -136,11 +139,11 @@ def user_files() -> list[str]:
 
 
 def load_user_file(name: str) -> Any:
-    """Return the module in a user's file, loaded once, under the same name in every process.
+    """Return the module in a user's file, which is loaded once in each process.
 
     Raises:
         FreneticError: the file does not exist or is no Python, or Python would import another
-            module in place of a neighbour of the file.
+            module in place of one beside the file.
     """
     path = Path(name).expanduser()
     if not path.is_file():
@@ -154,7 +157,7 @@ def load_user_file(name: str) -> Any:
     spec = importlib.util.spec_from_file_location(module_name, path)
     if spec is None or spec.loader is None:
         raise FreneticError(f"{name!r} cannot be read as Python")
-    # The file may import its neighbours, but none of them in the place of an installed module.
+    # The file may import modules beside it, unless an installed module has the same name.
     _add_folder(path.parent)
     _check_helpers([("", path, path.parent)], path.parent)
     module = importlib.util.module_from_spec(spec)

@@ -19,7 +19,7 @@ from typing import Annotated, Any, Final, NamedTuple
 from msgspec import Meta
 
 from frenetic._support.messages import (
-    MOST_BYTES_OF_OURS,
+    MAX_OWN_BYTES,
     Channel,
     Frame,
     FrameReader,
@@ -123,7 +123,7 @@ def serve(connection: Connection, files: Sequence[str], packed: bytes, shared_tu
 
 def _calls(channel: Channel) -> Iterator[tuple[int, str, Any]]:
     """Yield number, method and arguments of each call until the parent closes the connection."""
-    frames = FrameReader(MOST_BYTES_OF_OURS)
+    frames = FrameReader(MAX_OWN_BYTES)
     while True:
         try:
             data = channel.receive()

@@ -25,7 +25,7 @@ from multiprocessing.process import BaseProcess
 from typing import Any, Final, NamedTuple
 
 from frenetic._support.messages import (
-    MOST_BYTES_OF_OURS,
+    MAX_OWN_BYTES,
     Channel,
     Frame,
     FrameReader,
@@ -212,7 +212,7 @@ class ObjectProcess:
             self.since = time.monotonic()
         self._calls.append(Call(self._number, limit, answer, report))
         call = Frame(CALL, self._number, pickle.dumps((method, args)))
-        data = to_bytes(call, MOST_BYTES_OF_OURS)
+        data = to_bytes(call, MAX_OWN_BYTES)
         with suppress(OSError):  # the process has died or does not read: `receive` will notice
             self._channel.send(data, deadline=time.monotonic() + limit)
 

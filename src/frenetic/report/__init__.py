@@ -1,4 +1,4 @@
-"""Reports: pictures of roads and drives, a campaign as an HTML page, a search in one call.
+"""Reports: pictures of roads and drives, HTML pages of campaigns, and a search in one call.
 
 Names are imported on use, since Matplotlib imports slowly.
 """

@@ -1,4 +1,4 @@
-"""The files of failing roads in a campaign's folder."""
+"""Files of failing roads in a campaign's folder, and their picture at a glance."""
 
 from __future__ import annotations
 
@@ -26,30 +26,33 @@ from frenetic.road.files import entries_of
 from frenetic.spec import DRIVEN, Spec
 
 FAILURES: Final = "failures"
-"""Folder in a campaign's folder that holds its failing roads."""
+"""Name of the folder for failing roads in a campaign's folder."""
 PICTURES: Final = "pictures"
-"""Folder in a campaign's folder for pictures of tests that did not fail."""
+"""Name of the folder for pictures of tests that did not fail, in a campaign's folder."""
 GALLERY: Final = "gallery.png"
-"""Name of the picture of all listed failures at a glance, in `FAILURES`."""
+"""Name of the file in `FAILURES` with the picture of the listed failures at a glance."""
 MOST_FILES: Final = 1000
-"""Most failing roads with their own file, the most severe first; the database holds all."""
+"""Most failing roads that get a file, the most severe first; our choice.
+
+The database holds all failing roads.
+"""
 
 
 def file_stem(candidate_id: int) -> str:
-    """Return the name of a test's files, without suffix."""
+    """Return the name of a test's files, without suffix, such as ``test-00007``."""
     return f"test-{candidate_id:05d}"
 
 
 def verdict_entries(result: Result) -> dict[str, Any]:
     """Return the entries of a road's document that say how it was driven."""
-    place = result.departure
+    departure = result.departure
     return {
         "test_outcome": str(result.outcome),
         "description": result.reason,
         "moobd": result.moobd,
         "max_oob_share": result.max_oob_share,
         "duration": simulated_time(result.duration),
-        "departure": place and asdict(place) | {"time": simulated_time(place.time)},
+        "departure": departure and asdict(departure) | {"time": simulated_time(departure.time)},
         "findings": result.as_json()["findings"],
     }
 
@@ -67,7 +70,8 @@ def road_document(
     Args:
         record: the test.
         config: configuration of the campaign.
-        spec: the spec from `frenetic.campaign.stored_spec.signed_driving`.
+        spec: spec of the campaign's drives, from `frenetic.campaign.stored_spec.signed_driving`;
+            None if it is unknown.
     """
     candidate, road = record.candidate, record.road
     return {
@@ -98,8 +102,8 @@ def write_failures(
     Args:
         store: the campaign.
         failures: the campaign's failures, of which the first `MOST_FILES` get a file.
-        listed: failures in the gallery, or near misses if nothing failed.
-        shortened: test id -> drive on the minimised road, which the gallery shows instead.
+        listed: failures in the gallery, or nearest misses if nothing failed.
+        shortened: id of a test -> drive on its minimised road, which the gallery shows instead.
 
     Raises:
         CampaignError: a file cannot be written.
@@ -113,7 +117,7 @@ def write_failures(
         for record in islice(failures, MOST_FILES):
             document = json.dumps(road_document(record, store.config, spec)) + "\n"
             path = folder / f"{file_stem(record.candidate.id)}.json"
-            if not _holds(path, document):
+            if not _has_text(path, document):  # an unchanged file keeps its time of change
                 with replacing(path) as partial:
                     partial.write_text(document, encoding="utf-8")
     except OSError as error:
@@ -121,19 +125,19 @@ def write_failures(
             f"{folder} cannot be written: {error.strerror or error}; all results are safe in"
             f" {store.folder / DATABASE}"
         ) from None
-    drawn = []
+    items = []
     for record in listed:
         test = shortened.get(record.id) or store.test(record.id)
         cut = f", cut to {test.road.length:.0f} m" if record.id in shortened else ""
-        drawn.append((f"Test {record.id}{cut}", test.road, test))
-    if drawn:
-        near = listed[0].outcome is Outcome.PASS
-        title = "The nearest misses" if near else "The most telling failures"
+        items.append((f"Test {record.id}{cut}", test.road, test))
+    if items:
+        are_misses = listed[0].outcome is Outcome.PASS
+        title = "The nearest misses" if are_misses else "The most telling failures"
         with catch_interrupt():
-            draw_gallery(drawn, folder / GALLERY, title=title)
+            draw_gallery(items, folder / GALLERY, title=title)
 
 
-def _holds(path: Path, text: str) -> bool:
+def _has_text(path: Path, text: str) -> bool:
     """Return whether a file exists and has this text."""
     try:
         return path.is_file() and path.read_text(encoding="utf-8") == text

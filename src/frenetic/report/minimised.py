@@ -1,4 +1,4 @@
-"""Files of a minimised road: the road, a picture of its drive, and one of before and after."""
+"""Files of a minimised road: the road, a picture of its drive, and a picture of both drives."""
 
 from __future__ import annotations
 
@@ -19,27 +19,36 @@ from frenetic.road.files import read_road
 from frenetic.spec import DRIVEN, USUAL, Spec
 
 MINIMISED: Final = "minimised"
-"""Folder in a campaign's folder for its minimised roads."""
+"""Name of the folder for minimised roads in a campaign's folder."""
 _REMEDY: Final = "choose another place"
 
 
 def minimised_road(folder: Path, test_id: int) -> Path:
-    """Return the file of a test's road that was minimised with the campaign's own parts."""
+    """Return the path of the file of a test's road, minimised with the campaign's own parts."""
     return folder / MINIMISED / f"{file_stem(test_id)}.json"
 
 
 def minimised_drives(store: CampaignStore, test_ids: Iterable[int]) -> dict[int, Test]:
-    """Return test id -> drive on the minimised road, for the tests that were minimised."""
+    """Return id of a test -> drive on its minimised road, for the tests that were minimised.
+
+    A file that is missing, damaged or not Frenetic's is left out.
+    """
     drives = {}
     for test_id in test_ids:
         try:
             record = read_road(minimised_road(store.folder, test_id)).entries["minimised"]
             folder, number = record["campaign"], record["test"]
-            if not str(folder).isalnum():  # a folder's name, not a path to anywhere
+            if not str(folder).isalnum():  # a path could lead out of the campaign's folder
                 continue
             with CampaignStore.open(store.folder / FOLDER / folder) as campaign:
                 drives[test_id] = campaign.test(number)
-        except (FreneticError, OSError, LookupError, TypeError, ValueError):  # not our file
+        except (
+            FreneticError,
+            OSError,
+            LookupError,
+            TypeError,
+            ValueError,
+        ):  # damaged or not Frenetic's
             continue
     return drives
 
@@ -53,7 +62,7 @@ class MinimisedFiles:
     picture: Path
     """Path of the picture of the drive on the minimised road."""
     comparison: Path
-    """Path of the picture with the drives before and after, side by side."""
+    """Path of the picture with the drives before and after minimising, side by side."""
 
     @classmethod
     def beside(cls, road: Path) -> MinimisedFiles:
@@ -62,7 +71,7 @@ class MinimisedFiles:
         return cls(road, road.with_name(f"{name}.png"), road.with_name(f"{name}-before-after.png"))
 
     def prepare(self) -> None:
-        """Make the files' folder, and check that the files can be written.
+        """Make the folder of the files, and check that they can be written.
 
         Raises:
             FreneticError: the folder cannot be made, or a file cannot be written.
@@ -84,8 +93,8 @@ def minimised_document(
     """Return a minimised road as JSON for `frenetic drive` and the competition's tools.
 
     Args:
-        minimised: the road.
-        tester: the tester that drove it.
+        minimised: the minimised road.
+        tester: the tester that drove the road.
         test_id: id of the campaign's test; None for a road from a file.
     """
     smallest, setting = minimised.smallest, minimised.smallest.setting
@@ -127,14 +136,14 @@ def write_minimised(
     name: str,
     is_compared: bool = True,
 ) -> None:
-    """Write the road file, and draw the two pictures.
+    """Write the road's file, and draw the pictures.
 
     Args:
-        minimised: the road.
+        minimised: the minimised road.
         files: paths of the files; existing files are replaced.
         document: contents of the road file, see `minimised_document`.
         name: name of the original in the pictures.
-        is_compared: whether to draw the picture of before and after.
+        is_compared: whether to draw the picture of the drives before and after, too.
 
     Raises:
         FreneticError: a file cannot be written.

@@ -1,4 +1,4 @@
-"""Orientation of a road, the same in all pictures."""
+"""Orientation of roads in pictures, and the points of their edges."""
 
 from __future__ import annotations
 
@@ -10,28 +10,31 @@ import numpy as np
 from frenetic._support.arrays import FloatArray
 from frenetic.road import Road, profile
 
-_SPACING: Final = 4.0  # [m], between points of an edge, ours
-_MOST_POINTS: Final = 2000  # points of an edge, ours
-_TURNS: Final = np.radians(np.arange(-90.0, 90.0))  # [rad], tried angles
+_EDGE_SPACING: Final = 4.0  # [m] between points of an edge; our choice
+_MAX_EDGE_POINTS: Final = 2000  # points of an edge; our choice
+_TRIED_TURNS: Final = np.radians(np.arange(-90.0, 90.0))  # [rad], degree by degree
 
 
 def turned(points: FloatArray, turn: float) -> FloatArray:
-    """Turn points, (n, 2), counter-clockwise around the origin by ``turn`` rad."""
-    c, s = math.cos(turn), math.sin(turn)
-    result: FloatArray = points @ np.array([[c, s], [-s, c]])
+    """Return points, (n, 2), turned counter-clockwise around the origin by ``turn`` rad."""
+    cosine, sine = math.cos(turn), math.sin(turn)
+    result: FloatArray = points @ np.array([[cosine, sine], [-sine, cosine]])
     return result
 
 
 def edge_of(road: Road, spacing: float, side: float) -> FloatArray:
-    """Return points of a road's outer edge, left (side 1) or right (side -1), (n, 2) in m.
+    """Return points of an outer edge of a road, (n, 2) in m.
 
-    The points are about ``spacing`` m apart.
+    Args:
+        road: the road.
+        spacing: approximate distance between two points, in m.
+        side: 1 for the left edge, -1 for the right edge.
     """
     if not len(road.widening):
         return road.sample(spacing, side * road.lane_width)
-    middle, beside = road.sample(spacing), road.sample(spacing, side)
+    centre_line, one_metre_out = road.sample(spacing), road.sample(spacing, side)
     widths = road.lane_width + profile.value_at(road.widening, road.distances(spacing))
-    points: FloatArray = middle + widths[:, None] * (beside - middle)
+    points: FloatArray = centre_line + widths[:, None] * (one_metre_out - centre_line)
     return points
 
 
@@ -41,13 +44,17 @@ def edges_of(road: Road, spacing: float) -> FloatArray:
 
 
 def turn_of(road: Road) -> float:
-    """Return the angle in rad by which pictures turn a road counter-clockwise, 0 <= angle < 2 pi.
+    """Return the angle by which pictures turn a road counter-clockwise, in rad, 0 <= angle < 2 pi.
 
-    The road lies as flat as it can, and its end is right of its start. The angle depends on the
-    road alone, so a road looks alike in all pictures, whatever their shape and whoever drove.
+    The turned road takes the least height, and its end is right of its start. The angle depends on
+    the road alone, so the road looks alike in all pictures and with all drivers.
     """
-    spacing = max(_SPACING, road.length / _MOST_POINTS)
-    heights = np.ptp(edges_of(road, spacing) @ np.vstack([np.sin(_TURNS), np.cos(_TURNS)]), axis=0)
-    flat = float(_TURNS[int(np.argmin(heights))])
-    start, end = turned(np.array([road.pose_at(s)[:2] for s in (0.0, road.length)]), flat)
+    spacing = max(_EDGE_SPACING, road.length / _MAX_EDGE_POINTS)
+    heights = np.ptp(
+        edges_of(road, spacing) @ np.vstack([np.sin(_TRIED_TURNS), np.cos(_TRIED_TURNS)]), axis=0
+    )
+    flat = float(_TRIED_TURNS[int(np.argmin(heights))])
+    start, end = turned(
+        np.array([road.pose_at(distance)[:2] for distance in (0.0, road.length)]), flat
+    )
     return (flat if start[0] <= end[0] else flat + math.pi) % (2.0 * math.pi)

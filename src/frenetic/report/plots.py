@@ -1,7 +1,7 @@
-"""Pictures on Matplotlib's axes, for notebooks and figures of your own.
+"""Drawings on Matplotlib's axes, for notebooks and figures of your own.
 
-Each function draws on the axes that it is given, or on axes of a new figure, and returns the axes.
-Views from above are drawn by the code of the report's pictures.
+`plot` and `plot_progress` draw on the axes that they get, or on axes of a new figure, and return
+the axes. The report's pictures draw views from above with the same code.
 """
 
 from __future__ import annotations
@@ -19,66 +19,63 @@ from frenetic._support.words import counted, oob_words
 from frenetic.analysis.clusters import distinct_failures
 from frenetic.analysis.comparison import Comparison
 from frenetic.campaign.record import Test
-from frenetic.export.tables import Place, opened
+from frenetic.export.tables import CampaignSource, open_store
 from frenetic.oracle.drive import Drive
 from frenetic.report.html.comparison import group_curves
 from frenetic.report.html.page import Chart
 from frenetic.report.html.tests import TestSummary
 from frenetic.report.html.timeline import timeline_of
-from frenetic.report.scene import (
-    JudgedDrive,
-    box_of,
-    draw_colour_bar,
-    draw_scene,
-    focus_of,
-    look,
-    road_of,
-)
+from frenetic.report.judged_drive import JudgedDrive, focus_of, judge_drive, road_of
+from frenetic.report.scene import box_of, draw_colour_bar, draw_scene
 from frenetic.report.style import FAINT, STYLE, WIDTH, Paper, form_of, write_figure
 from frenetic.report.view import View
 from frenetic.road import Road
 
-# Colours of groups: distinct with any kind of colour vision, and in grey by their order.
-_GROUPS: Final = (
+# Distinct with any kind of colour vision.
+_GROUP_COLOURS: Final = (
     "#0b5fa5", "#e07b1a", "#1b8a6b", "#8a4fa0", "#b3262c", "#5c6670", "#c2a200", "#c2407f",
 )  # fmt: skip
 _COLOURS: Final[Mapping[str, str]] = {
     "accent": "#0b5fa5",
     "fail": "#d1232a",
-    **{f"group-{i}": colour for i, colour in enumerate(_GROUPS)},
+    **{f"group-{i}": colour for i, colour in enumerate(_GROUP_COLOURS)},
 }
-"""Colours of a chart's lines on paper."""
+"""Role of a line in a chart -> colour on paper."""
 
-# Sizes in inches.
-_WIDE: Final = 6.5  # new axes
-_TALL: Final = 5.5
-_LEFT, _RIGHT, _TOP, _BOTTOM, _KEY = 0.65, 0.2, 0.4, 0.55, 0.45  # around them
+# Sizes in inches, our choice.
+_AXES_WIDTH: Final = 6.5  # most width of new axes
+_AXES_HEIGHT: Final = 5.5  # most height of new axes with a view from above
+_CHART_HEIGHT: Final = 3.2  # height of new axes with a chart
+_LEFT, _RIGHT, _TOP, _BOTTOM = 0.65, 0.2, 0.4, 0.55  # margins of new axes
+_KEY_HEIGHT: Final = 0.45  # of the key to the colours below new axes
 
 
 def plot(
     thing: Road | Drive | Test | Comparison, ax: Axes | None = None, *, road: Road | None = None
 ) -> Axes:
-    """Draws a road or a drive from above, or the failures of compared groups over the simulations.
+    """Draw a road or a drive from above, or the failures of compared groups over the simulations.
 
-    A road lies on the axes in metres of the map; what they show already stays in sight. A drive's
-    path is coloured by oob distance. A test is drawn as its drive, or else as its road. A group of
-    five campaigns or more has its median and the band between its quartiles.
+    A road is drawn where it lies on the map, in m; earlier drawings on the axes stay in sight. The
+    path of a drive is coloured by oob distance. A test is drawn as its drive; without a drive, as
+    its road. A group of campaigns is drawn as its median; a group of five or more campaigns has a
+    band between the quartiles.
 
     Args:
-        thing: to draw.
-        ax: axes to draw on; None for a new figure of pyplot, for a drive with a key to the colours.
-        road: that was driven, for a drive that does not know it.
+        thing: what to draw.
+        ax: axes to draw on; by default axes of a new figure of pyplot, which has a key to the
+            colours of a drive.
+        road: the driven road, for a drive that does not know it.
 
     Returns:
         The axes.
 
     Raises:
         ValueError: the drive does not know its road.
-        CampaignError: the test's campaign does not record with what it was driven.
+        CampaignError: the test's campaign does not record the parts that drove it.
     """
     with mpl.rc_context(STYLE):
         if isinstance(thing, Comparison):
-            axes = _new_axes(_WIDE, 3.2)[0] if ax is None else ax
+            axes = _new_axes(_AXES_WIDTH, _CHART_HEIGHT)[0] if ax is None else ax
             draw_curves(axes, thing)
             return axes
         if isinstance(thing, Test) and thing.drive is None:
@@ -86,25 +83,33 @@ def plot(
         if isinstance(thing, Road):
             return _plot_above(thing, None, ax)
         road = thing.road if isinstance(thing, Test) else road_of(thing, road)
-        return _plot_above(road, look(road, thing), ax)
+        return _plot_above(road, judge_drive(road, thing), ax)
 
 
 def _plot_above(road: Road, judged: JudgedDrive | None, ax: Axes | None) -> Axes:
-    """Draw a road and its drive where they lie on the map; earlier drawings stay in sight."""
-    box, title = box_of(road, judged, 0.0), f"Road, {road.length:.0f} m"
+    """Draw a road and its drive where they lie on the map; earlier drawings stay in sight.
+
+    Args:
+        road: the road.
+        judged: the drive; None for the road alone.
+        ax: axes to draw on; None for a new figure.
+    """
+    box, title = box_of(road, judged, turn=0.0), f"Road, {road.length:.0f} m"
     if ax is None:
-        width, height = min((_WIDE, _TALL) / box.size) * box.size
-        key = 0.0 if judged is None else _KEY
-        axes, page = _new_axes(max(width, 0.6 * _WIDE), max(height, 2.0), key=key)
+        width, height = min((_AXES_WIDTH, _AXES_HEIGHT) / box.size) * box.size
+        key_height = 0.0 if judged is None else _KEY_HEIGHT
+        axes, page = _new_axes(
+            max(width, 0.6 * _AXES_WIDTH), max(height, 2.0), key_height=key_height
+        )
         if judged is not None:
-            right, y = page.width - _RIGHT, page.height - _KEY + 0.1
+            right, y = page.width - _RIGHT, page.height - _KEY_HEIGHT + 0.1
             draw_colour_bar(page, right, y, 0.5 * road.lane_width)
     else:
         axes = ax
     if axes.has_data():
         box = box.holding(np.transpose([axes.get_xlim(), axes.get_ylim()]))
     focus = None if judged is None else focus_of(judged)
-    draw_scene(View.showing(axes, box, 0.0), road, judged, focus)
+    draw_scene(View.showing(axes, box, turn=0.0), road, judged, focus)
     axes.set_aspect("equal")
     axes.set_xlabel("x (m)")
     axes.set_ylabel("y (m)")
@@ -116,33 +121,34 @@ def _plot_above(road: Road, judged: JudgedDrive | None, ax: Axes | None) -> Axes
     return axes
 
 
-def _new_axes(width: float, height: float, *, key: float = 0.0) -> tuple[Axes, Paper]:
-    """Return axes in a new figure, with room for a key below, and the figure; sizes in inches."""
-    import matplotlib.pyplot as plt  # which chooses a backend: only for who wants a new figure
+def _new_axes(width: float, height: float, *, key_height: float = 0.0) -> tuple[Axes, Paper]:
+    """Return axes in a new figure with room for a key below, and the figure; sizes in inches."""
+    import matplotlib.pyplot as plt  # it chooses a backend, which a user's own figure needs not
 
-    wide, tall = _LEFT + width + _RIGHT, _TOP + height + _BOTTOM + key
-    page = Paper(plt.figure(figsize=(wide, tall)), wide, tall)
+    page_width, page_height = _LEFT + width + _RIGHT, _TOP + height + _BOTTOM + key_height
+    page = Paper(plt.figure(figsize=(page_width, page_height)), page_width, page_height)
     return page.axes(_LEFT, _TOP, width, height, bare=False), page
 
 
-# Campaigns
+def plot_progress(campaign: CampaignSource, ax: Axes | None = None) -> Axes:
+    """Draw failures and distinct failures over the simulations, as in the report.
 
+    The dashed line shows how many failures there would be if all roads failed as often as the
+    random ones; the band around it is the 95 % interval.
 
-def plot_progress(campaign: Place, ax: Axes | None = None) -> Axes:
-    """Draws failures and distinct failures over the simulations, as the report does.
-
-    The dashed line expects the failing share of the random roads for all roads; the band around it
-    is the share's 95 % interval.
+    Args:
+        campaign: a campaign, open or not, or its folder.
+        ax: axes to draw on; by default axes of a new figure of pyplot.
 
     Raises:
         CampaignError: there is no campaign, or it is damaged.
     """
-    with opened(campaign) as store:
+    with open_store(campaign) as store:
         repeats = store.repeats()
         tests = [TestSummary.of(test, is_repeat=test.id in repeats) for test in store.tests()]
         chart = timeline_of(tests, distinct_failures(store))
     with mpl.rc_context(STYLE):
-        axes = _new_axes(_WIDE, 3.2)[0] if ax is None else ax
+        axes = _new_axes(_AXES_WIDTH, _CHART_HEIGHT)[0] if ax is None else ax
         if chart is not None:
             counts = {line.name: f"{line.name}: {line.y[-1]:.0f}" for line in chart.series[:2]}
             _draw_chart(axes, chart, lambda name: counts.get(name, name))
@@ -152,29 +158,36 @@ def plot_progress(campaign: Place, ax: Axes | None = None) -> Axes:
 def draw_comparison(comparison: Comparison, path: Path | str) -> None:
     """Write a picture of a comparison to ``path``: PNG, SVG or PDF by its suffix.
 
-    Distinct failures and failures over the simulations: each group's median, and the band between
-    its quartiles.
+    Two charts show distinct failures and failures over the simulations: the median of each group,
+    and the band between its quartiles.
 
     Raises:
-        FreneticError: another suffix, or a file that cannot be written.
+        FreneticError: the path has another suffix, or the file cannot be written.
     """
     form = form_of(path)
     with mpl.rc_context(STYLE):
         page = Paper.new(WIDTH, 4.2)
-        for i, left in enumerate((0.65, 6.15)):
-            draw_curves(page.axes(left, 0.2, 4.6, 3.4, bare=False), comparison, i)
+        for chart_number, left in enumerate((0.65, 6.15)):
+            axes = page.axes(left, 0.2, 4.6, 3.4, bare=False)
+            draw_curves(axes, comparison, chart_number)
         write_figure(page.figure, path, form)
 
 
-def draw_curves(axes: Axes, comparison: Comparison, which: int = 0) -> None:
-    """Draws the distinct failures (0), or the failures (1), of each group over the simulations."""
+def draw_curves(axes: Axes, comparison: Comparison, chart_number: int = 0) -> None:
+    """Draw each group's curve over the simulations: distinct failures (0) or failures (1)."""
     groups = comparison.groups
-    chart = [*group_curves(comparison)][which]
+    chart = [*group_curves(comparison)][chart_number]
     _draw_chart(axes, chart, lambda name: f"{name}, {counted(len(groups[name]), 'campaign')}")
 
 
 def _draw_chart(axes: Axes, chart: Chart, name_of: Callable[[str], str]) -> None:
-    """Draw a chart of counts; ``name_of`` gives a line's text in the legend."""
+    """Draw a chart of counts.
+
+    Args:
+        axes: axes to draw on.
+        chart: the chart.
+        name_of: function of a line's name that returns the line's text in the legend.
+    """
     for line in chart.series:
         colour, style = _COLOURS[line.role], (0, (4, 2)) if line.dashed else "-"
         if line.low:

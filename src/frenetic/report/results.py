@@ -1,4 +1,4 @@
-"""A search with all that its user gets: causes, shortened roads, pictures and the report.
+"""A search with everything that its user gets: causes, shortened roads, pictures and the report.
 
 `run` and `resume` do in one call what ``frenetic run`` and ``frenetic resume`` do::
 
@@ -32,7 +32,8 @@ from frenetic.campaign.counts import Counts
 from frenetic.errors import CampaignError, FreneticError
 from frenetic.processes.interrupt import plain_interrupts
 from frenetic.report.failures import FAILURES, GALLERY, write_failures
-from frenetic.report.html.campaign import Reading, write_report
+from frenetic.report.html.campaign import write_report
+from frenetic.report.html.reading import Reading
 from frenetic.report.minimised import (
     MinimisedFiles,
     minimised_document,
@@ -43,11 +44,13 @@ from frenetic.report.minimised import (
 from frenetic.rerun.minimise import minimise_causes
 
 SLOW_DRIVE: Final = 0.5
-"""Wall time of a drive above which no failing road is shortened, in s."""
-SHORTENING_SHARE: Final = 3
-"""Drives of a search for each one that shortens failing roads afterwards; also s of wall time."""
-LEAST_SHORTENING: Final = 30.0
-"""Wall time that shortening may take, however short the search was, in s."""
+"""Wall time of a drive above which no failing road is shortened, in s; our choice."""
+SHORTENING_DIVISOR: Final = 3
+"""Shortening may take a third of the search's drives and of its wall time; our choice."""
+MIN_SHORTENING_TIME: Final = 30.0
+"""Wall time that shortening may take however short the search was, in s; our choice."""
+TOP_CAUSES: Final = 3
+"""Number of causes for which the advised command shortens roads; our choice."""
 
 
 @dataclass(frozen=True)
@@ -55,11 +58,11 @@ class Findings:
     """The failures of a campaign by cause, or else its nearest misses."""
 
     reading: Reading
-    """The campaign's tests, each of which is read once."""
+    """The campaign's tests, read once."""
     listed: Sequence[Test]
-    """The most telling failures or misses, which the gallery shows."""
+    """The most telling failures, or nearest misses, which the gallery shows."""
     warning: str
-    """Warning of conclusions that the counts do not support; empty without any."""
+    """Warning of conclusions that the counts do not support; empty without a warning."""
 
     @classmethod
     def of(cls, store: CampaignStore) -> Findings:
@@ -80,7 +83,7 @@ class Findings:
 
     @property
     def clusters(self) -> Clusters:
-        """The distinct failures with their causes; none if nothing failed."""
+        """The distinct failures with their causes; empty if nothing failed."""
         return self.reading.clusters
 
     @property
@@ -96,7 +99,7 @@ class Findings:
 
 @dataclass(frozen=True)
 class Results:
-    """What a search came to, and the files in its folder."""
+    """The results of a search, and the files in its folder."""
 
     folder: Path
     """The campaign's folder."""
@@ -104,7 +107,7 @@ class Results:
     """Counts and times of the search; None if it ended by an error."""
     findings: Findings
     shortened: Mapping[int, Test] = field(default_factory=dict)
-    """Id of a failing test -> the drive on its shortened road."""
+    """Id of a failing test -> drive on its shortened road."""
     notes: tuple[str, ...] = ()
     """Sentences that the user should read."""
     gallery: Path | None = None
@@ -115,52 +118,57 @@ class Results:
 
 @dataclass(frozen=True)
 class Step:
-    """Something that is done with the results of a search."""
+    """A step of the work after a search, which listeners are told."""
 
     kind: Literal["shortening", "found", "drawing", "drawn", "reporting", "reported"]
-    """``shortening``, ``drawing``, ``reporting``: that begins; ``found``: causes and shortened
-    roads are known; ``drawn``, ``reported``: the pictures or the report are written."""
+    """Kind of the step.
+
+    - ``shortening``, ``drawing``, ``reporting``: the work begins.
+    - ``found``: causes and shortened roads are known.
+    - ``drawn``, ``reported``: the pictures, or the report, are written.
+    """
     results: Results
     """The results so far."""
     seconds: float = 0.0
-    """Wall time that it may take, in s; 0 if it has no limit."""
+    """Wall time that the work may take, in s; 0 without a limit."""
 
 
 OnEvent: TypeAlias = Callable[[Event | Step], object]
+"""Listener to the events of a search and the steps after it."""
 
 
 def run(campaign: Campaign, *, on_event: OnEvent | None = None) -> Results:
-    """Search, and write everything that the user gets into the campaign's folder.
+    """Run a campaign, and write everything that its user gets into its folder.
 
-    That is a failing road of each cause shortened, files and pictures of the failures, and the
-    report.
+    The folder gets a shortened failing road of each cause, files and pictures of the failures, and
+    the report.
 
     Args:
-        campaign: with a budget.
+        campaign: the campaign; it needs a budget.
         on_event: called with each `Event` of the search, as `Campaign.run` does, and with each
             `Step` after it.
 
     Raises:
-        CampaignError: as for `Campaign.run`. The results so far are written.
+        CampaignError: `Campaign.run` raises it. The results so far are written.
     """
     return _run(campaign, campaign.run, on_event)
 
 
 def resume(campaign: Campaign, *, on_event: OnEvent | None = None) -> Results:
-    """Go on with the campaign in a folder, see `Campaign.resume`, and write what `run` does."""
+    """Continue a campaign, see `Campaign.resume`, and write the same files as `run`."""
     return _run(campaign, campaign.resume, on_event)
 
 
 def shorten_causes(campaign: Campaign, findings: Findings, summary: Summary) -> Iterator[str]:
     """Shorten a failing road of each cause, and write it with its picture.
 
-    It may take a third of the search's drives and time.
+    Shortening may take a third of the search's drives and of its wall time.
 
     Yields:
-        Why a road was not shortened, or what else the user should know.
+        Notes for the user, such as why a road was not shortened.
     """
     folder, tester, causes = campaign.folder, campaign.tester, findings.clusters.causes
-    drives, seconds = summary.simulations // SHORTENING_SHARE, _shortening_seconds(summary)
+    drives, seconds = summary.simulations // SHORTENING_DIVISOR, _shortening_seconds(summary)
     answers = minimise_causes(folder, causes, tester, drives, seconds, isolate=campaign.isolate)
     for test_id, answer in answers:
         if isinstance(answer, FreneticError):
@@ -181,7 +189,10 @@ def shorten_causes(campaign: Campaign, findings: Findings, summary: Summary) -> 
 def write_results(
     store: CampaignStore, results: Results, on_event: OnEvent = lambda _: None
 ) -> Results:
-    """Write files and pictures of the failures, and the report; return the results with these.
+    """Write files and pictures of the failures, and the report.
+
+    Returns:
+        The results with the paths of what was written.
 
     Raises:
         CampaignError: a file of a failure cannot be written.
@@ -197,26 +208,33 @@ def write_results(
         try:
             report = write_report(store, reading=findings.reading)
             results = replace(results, report=report)
-        except FreneticError as error:  # which loses nothing else
+        except FreneticError as error:  # the other results stand
             results = replace(results, notes=(*results.notes, f"There is no report: {error}"))
         on_event(Step("reported", results))
     return results
 
 
 def _run(campaign: Campaign, search: Callable[..., Summary], on_event: OnEvent | None) -> Results:
-    """Search by `Campaign.run` or `Campaign.resume`, and write the results."""
-    emit = on_event or (lambda _: None)
+    """Search and write the results; an interrupt of compiled code raises KeyboardInterrupt.
+
+    Args:
+        campaign: the campaign.
+        search: its method `run` or `resume`.
+        on_event: listener to events and steps; None without a listener.
+    """
     with plain_interrupts():
-        return _searched(campaign, search, emit)
+        return _search_and_finish(campaign, search, on_event or (lambda _: None))
 
 
-def _searched(campaign: Campaign, search: Callable[..., Summary], emit: OnEvent) -> Results:
-    """Search, and write the results, also of a search that ends by an error."""
+def _search_and_finish(
+    campaign: Campaign, search: Callable[..., Summary], emit: OnEvent
+) -> Results:
+    """Search and write the results, also of a search that ends by an error."""
     try:
         summary = search(on_event=emit)
     except CampaignError:
         if campaign.started:
-            # What cannot be written for the same reason, such as a full disk, is left out.
+            # The reason of the error, such as a full disk, may prevent writing, too.
             with suppress(FreneticError, OSError):
                 _finish(campaign, None, emit)
         raise
@@ -230,23 +248,25 @@ def _finish(campaign: Campaign, summary: Summary | None, emit: OnEvent) -> Resul
         notes = [findings.warning] if findings.warning else []
         results = Results(campaign.folder, summary, findings, notes=tuple(notes))
         if summary is not None and len(findings.clusters):
-            notes += _shortened(campaign, results, summary, emit)
+            notes += _shorten(campaign, results, summary, emit)
         shortened = minimised_drives(store, [test.id for test in findings.listed])
         results = replace(results, shortened=shortened, notes=tuple(notes))
         emit(Step("found", results))
         return write_results(store, results, emit)
 
 
-def _shortened(
+def _shorten(
     campaign: Campaign, results: Results, summary: Summary, emit: OnEvent
 ) -> Iterator[str]:
-    """Shorten roads unless that says nothing or takes too long; yield notes for the user."""
+    """Shorten roads if drives repeat and are fast enough; yield notes for the user."""
     if summary.interrupted or summary.not_repeatable:
         return
     workers = campaign.workers
-    is_elsewhere = isinstance(workers, str)
-    seconds = summary.seconds * (1 if isinstance(workers, str) else workers)
-    if is_elsewhere or seconds > SLOW_DRIVE * summary.simulations:
+    if isinstance(workers, str):  # the address of a cluster
+        is_slow = True
+    else:
+        is_slow = summary.seconds * workers > SLOW_DRIVE * summary.simulations
+    if is_slow:
         yield f"shorter roads for the same failures: {_minimise_command(campaign)}"
         return
     emit(Step("shortening", results, _shortening_seconds(summary)))
@@ -254,10 +274,10 @@ def _shortened(
 
 
 def _shortening_seconds(summary: Summary) -> float:
-    """Wall time that shortening may take, in s."""
-    return max(LEAST_SHORTENING, summary.seconds / SHORTENING_SHARE)
+    """Return the wall time that shortening may take, in s."""
+    return max(MIN_SHORTENING_TIME, summary.seconds / SHORTENING_DIVISOR)
 
 
 def _minimise_command(campaign: Campaign) -> str:
-    """The command that shortens failing roads of a campaign."""
-    return f"frenetic minimise {shlex.quote(str(campaign.folder))} --top 3"
+    """Return the command that shortens failing roads of a campaign."""
+    return f"frenetic minimise {shlex.quote(str(campaign.folder))} --top {TOP_CAUSES}"

@@ -1,4 +1,8 @@
-"""A view of the world from above, and labels that hide nothing in it."""
+"""A view of the map from above in Matplotlib's axes, and labels that hide nothing in it.
+
+The map is turned counter-clockwise by the view's angle. A *place in the axes* is a place on the
+turned map, in m.
+"""
 
 from __future__ import annotations
 
@@ -17,36 +21,46 @@ from frenetic.report.style import PANEL, POINT
 
 @dataclass(frozen=True)
 class Box:
-    """A rectangle in the turned plane, in m."""
+    """A rectangle in the axes."""
 
-    low: FloatArray  # (2,) its lower left corner
-    high: FloatArray  # (2,) its upper right corner
+    low: FloatArray
+    """Lower left corner, (2,) in m."""
+    high: FloatArray
+    """Upper right corner, (2,) in m."""
 
     @property
     def size(self) -> FloatArray:
-        """(2,) width and height."""
+        """Width and height, (2,) in m."""
         return self.high - self.low
 
     @property
     def flatness(self) -> float:
-        """Height over width."""
+        """Height divided by width."""
         width, height = self.size
         return float(height / width)
 
-    def holding(self, ends: FloatArray) -> Box:
-        """Return the box around this box and a second box's lower left and upper right corners."""
-        return Box(np.minimum(self.low, ends[0]), np.maximum(self.high, ends[1]))
+    def holding(self, corners: FloatArray) -> Box:
+        """Return the box around this box and a second one.
+
+        Args:
+            corners: lower left and upper right corner of the second box, (2, 2) in m.
+        """
+        return Box(np.minimum(self.low, corners[0]), np.maximum(self.high, corners[1]))
 
 
 @dataclass(frozen=True)
 class View:
-    """Axes that show the world from above, turned, in m."""
+    """Axes that show the turned map from above."""
 
     axes: Axes
-    turn: float  # rad counter-clockwise
-    scale: float  # points per metre when it is drawn
-    centre: FloatArray  # (2,) m, turned, in the middle
-    half: FloatArray  # (2,) m from the middle to the edges
+    turn: float
+    """Angle by which the map is turned counter-clockwise, in rad."""
+    scale: float
+    """Points of the picture per metre."""
+    centre: FloatArray
+    """Place in the middle of the axes, (2,) in m."""
+    half: FloatArray
+    """Distances from the middle to the right and upper edge, (2,) in m."""
 
     @classmethod
     def showing(cls, axes: Axes, box: Box, turn: float) -> View:
@@ -59,21 +73,21 @@ class View:
         return cls(axes, turn, scale, centre, half)
 
     def at(self, points: FloatArray) -> FloatArray:
-        """Return the (n, 2) places in the axes of (n, 2) places on the map, in m."""
+        """Return places in the axes, (n, 2), of places on the map, (n, 2) in m."""
         return turned(points, self.turn)
 
     def points(self, places: FloatArray) -> FloatArray:
-        """Return the (..., 2) places in points from the view's middle."""
+        """Return the offsets of places in the axes, (..., 2), from the middle, in points."""
         offsets: FloatArray = (places - self.centre) * self.scale
         return offsets
 
     def places(self, points: FloatArray) -> FloatArray:
-        """Return the places of (..., 2) offsets in points from the view's middle."""
+        """Return the places in the axes at offsets, (..., 2) in points, from the middle."""
         places: FloatArray = self.centre + points / self.scale
         return places
 
     def shows(self, place: FloatArray) -> bool:
-        """Return whether a place, (2,) in the axes, is in sight."""
+        """Return whether a place, (2,) in the axes, lies within them."""
         return bool((np.abs(place - self.centre) < self.half).all())
 
     def mark(self, place: FloatArray, marker: str, **style: Any) -> None:
@@ -81,7 +95,7 @@ class View:
         self.axes.plot(*place, linestyle="none", marker=marker, **style)
 
     def add(self, artists: Collection) -> None:
-        """Draw artists without a change of the axes' limits."""
+        """Draw artists; the axes' limits stay."""
         self.axes.add_collection(artists, autolim=False)
 
 
@@ -92,7 +106,9 @@ def size_of(axes: Axes) -> FloatArray:
 
 
 _REACHES: Final = np.array([11.0, 18.0, 28.0, 42.0, 60.0, 84.0])
-"""Tried distances of a label from its place, in points, ours."""
+"""Tried distances of a label's edge from its place, in points; our choice."""
+_LEADER_REACH: Final = 15.0
+"""Distance above which a line leads from the place to its label, in points; our choice."""
 _DIRECTIONS: Final = np.column_stack(
     [trig(np.arange(16) * (math.pi / 8.0)) for trig in (np.cos, np.sin)]
 )
@@ -101,49 +117,63 @@ _DIRECTIONS: Final = np.column_stack(
 
 @dataclass
 class Labels:
-    """Labels in a view that neither hide anything nor touch each other.
+    """Labels in a view that hide as little as possible and do not touch each other.
 
-    Internal positions are in points from the middle of the view.
+    Offsets are in points from the middle of the view.
     """
 
     view: View
-    obstacles: FloatArray  # (n, 2) points of drawn things that labels must not hide
+    obstacles: FloatArray
+    """Offsets of drawn things that labels must not hide, (n, 2)."""
     size: float = 9.0
+    """Size of the letters, in points."""
     taken: list[tuple[float, float, float, float]] = field(default_factory=list)
+    """Rectangles that no label may touch: left, lower, right and upper edge."""
 
     def put(self, place: FloatArray, text: str, colour: str) -> None:
-        """Write ``text`` beside a place, (2,) in the axes, with a leader if need be."""
-        place = self.view.points(place)
-        half = np.array([0.31 * self.size * len(text) + 2.0, 0.68 * self.size])
-        # From the label's edge to the place it is the reach.
+        """Write ``text`` beside a place, (2,) in the axes; a line leads to a label far away.
+
+        Of all tried positions, the label takes the one of the least cost.
+        """
+        offset = self.view.points(place)
+        half = np.array([0.31 * self.size * len(text) + 2.0, 0.68 * self.size])  # of the label
+        # The reach is counted from the label's edge, a position is the label's centre.
         to_edge = np.min(half / np.maximum(np.abs(_DIRECTIONS), 1e-9), axis=1)
-        away = (_REACHES[:, None] + to_edge - 4.0)[:, :, None]
-        centres = (place + away * _DIRECTIONS).reshape(-1, 2)
+        distances = (_REACHES[:, None] + to_edge - 4.0)[:, :, None]
+        centres = (offset + distances * _DIRECTIONS).reshape(-1, 2)
         reaches = np.repeat(_REACHES, len(_DIRECTIONS))
-        i = int(np.argmin(self._costs(centres, half) + 0.25 * reaches))
-        best, chosen = centres[i], reaches[i]
-        low, high = best - half, best + half
+        cheapest = int(np.argmin(self._costs(centres, half) + 0.25 * reaches))
+        centre = centres[cheapest]
+        low, high = centre - half, centre + half
         self.taken.append((*low, *high))
-        if chosen > 15.0:
-            near = np.clip(place, low + 1.0, high - 1.0)
-            away = (near - place) / max(float(np.hypot(*(near - place))), 1e-9)
-            leader = self.view.places(np.array([place + 6.0 * away, near]))
+        if reaches[cheapest] > _LEADER_REACH:
+            end = np.clip(offset, low + 1.0, high - 1.0)
+            direction = (end - offset) / max(float(np.hypot(*(end - offset))), 1e-9)
+            leader = self.view.places(np.array([offset + 6.0 * direction, end]))
             self.view.axes.plot(*leader.T, color=colour, lw=0.7, alpha=0.7, zorder=8)
-        x, y = self.view.places(best)
+        x, y = self.view.places(centre)
         self.view.axes.text(
             x, y, text, size=self.size, color=colour,
             ha="center", va="center", weight="bold", zorder=9,
         )  # fmt: skip
 
     def _costs(self, centres: FloatArray, half: FloatArray) -> FloatArray:
-        """Return the costs of labels at (n, 2) ``centres``: hidden things, touched labels, cuts."""
+        """Return the costs of a label at each of some centres, (n,).
+
+        Costs are 100 for each point outside the view, 20 for each hidden obstacle and 500 for each
+        touched rectangle; our choice.
+
+        Args:
+            centres: offsets of the label's centre, (n, 2).
+            half: half of the label's width and height, (2,) in points.
+        """
         low, high = (centres - half - 2.0)[:, None], (centres + half + 2.0)[:, None]
         frame = self.view.half * self.view.scale
         outside = np.maximum(high - frame, 0.0) + np.maximum(-frame - low, 0.0)
         covered = np.ones((len(low), len(self.obstacles)), dtype=bool)
-        for axis in (0, 1):  # one after the other, in a tenth of the time
-            places = np.ascontiguousarray(self.obstacles[:, axis])
-            covered &= (places > low[:, :, axis]) & (places < high[:, :, axis])
+        for axis in (0, 1):  # axis by axis, in a tenth of the time
+            values = np.ascontiguousarray(self.obstacles[:, axis])
+            covered &= (values > low[:, :, axis]) & (values < high[:, :, axis])
         hidden = covered.sum(axis=1)
         taken = np.array(self.taken).reshape(-1, 4)
         touching = ((low < taken[:, 2:]) & (taken[:, :2] < high)).all(axis=2).sum(axis=1)
@@ -151,6 +181,6 @@ class Labels:
         return costs
 
     def keep_clear(self, place: FloatArray, half: float) -> None:
-        """Let no label touch the square of 2 ``half`` points around a place, (2,) in the axes."""
+        """Keep labels off a square of twice ``half`` points around a place, (2,) in the axes."""
         centre = self.view.points(place)
         self.taken.append((*(centre - half), *(centre + half)))

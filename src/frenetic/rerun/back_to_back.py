@@ -29,13 +29,13 @@ from frenetic.conditions.domain import Domain
 from frenetic.drivers import Driver
 from frenetic.errors import CampaignError
 from frenetic.oracle.outcome import Outcome
-from frenetic.parts.versions import comparison_key
+from frenetic.parts.records import comparison_key
 from frenetic.rerun.campaigns import RerunOptions
 from frenetic.rerun.old_version import DEFAULT_FRESH_ROADS, FreshRoads, fresh_roads
 from frenetic.rerun.rerun import drive_tests
 from frenetic.rerun.stability import Change
 from frenetic.simulators.simulator import Simulator
-from frenetic.spec.part_record import part_text
+from frenetic.spec.part_text import part_text
 
 MIN_SLOWDOWN: Final = 0.01
 """Relative increase of the median time from which on a version counts as slower; our choice."""

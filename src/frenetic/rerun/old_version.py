@@ -21,7 +21,7 @@ from msgspec import structs
 
 from frenetic._support.bounds import require_count
 from frenetic._support.json_value import JSONValue
-from frenetic._support.words import part_word
+from frenetic._support.option_text import part_word
 from frenetic.campaign.counts import Counts
 from frenetic.campaign.database import DATABASE
 from frenetic.campaign.reader import SOURCES
@@ -31,8 +31,9 @@ from frenetic.campaign.stored_spec import signed_spec
 from frenetic.campaign.summary import Event, EventKind, Progress, Summary
 from frenetic.campaign.tester import RoadTester
 from frenetic.errors import CampaignError
+from frenetic.parts.named_code import NOT_DRIVING, REGISTRIES
 from frenetic.parts.registry import DRIVERS, absolute_files
-from frenetic.parts.trust import NOT_DRIVING, REGISTRIES
+from frenetic.parts.trust import require_trusted
 from frenetic.parts.user_modules import user_folders
 from frenetic.parts.versions import sources_named
 from frenetic.processes.interrupt import catch_interrupt
@@ -306,8 +307,9 @@ def as_recorded(
     with CampaignStore.open(folder) as store:
         sources: Any = store.fact(SOURCES)
         driving_parts = {kind: part for kind, part in spec.parts.items() if kind not in NOT_DRIVING}
-        code_folder = signed_spec(store).require_trusted(
-            folder, needed=driving_parts, sources=sources, is_trusted=is_trusted, optional=()
+        claim = signed_spec(store).code_claim(sources=sources)
+        code_folder = require_trusted(
+            folder, claim, needed=driving_parts, is_trusted=is_trusted, optional=()
         )
     sources = sources if isinstance(sources, Mapping) else {}
     driver = spec.part("driver")

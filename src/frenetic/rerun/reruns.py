@@ -18,11 +18,12 @@ from frenetic.campaign.store import CampaignStore
 from frenetic.conditions.condition import SEED, as_text, without
 from frenetic.errors import CampaignError
 from frenetic.oracle.drive import Rules
-from frenetic.parts.versions import SHORT, comparison_key, differences
+from frenetic.parts.records import comparison_key, differences
+from frenetic.parts.versions import SHORT
 from frenetic.rerun.campaigns import purpose_of, rerun_folders
 from frenetic.rerun.stability import Change, Repeat, Repeats, matches_json, matches_text
 from frenetic.rerun.variations import Variation, recorded_conditions
-from frenetic.spec.part_record import part_text
+from frenetic.spec.part_text import part_text
 
 
 @dataclass(frozen=True)

@@ -26,8 +26,8 @@ from msgspec import Meta
 from frenetic._support.arrays import FloatArray
 from frenetic._support.bounds import NotNegative, Positive, check, converted
 from frenetic._support.files import read_bounded
+from frenetic._support.option_text import read_part
 from frenetic._support.outside_text import read_toml
-from frenetic._support.words import read_part
 from frenetic.criteria.criterion import COMPETITION
 from frenetic.errors import FreneticError
 from frenetic.road import profile

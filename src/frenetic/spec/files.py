@@ -1,11 +1,11 @@
-"""Files with entries: TOML of a run, and roads with how they were driven."""
+"""Reading and writing entries: the TOML of a run, and a road's file that says who drove it."""
 
 from __future__ import annotations
 
 import json
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, TypeVar
 
 import tomli_w
 from msgspec import ValidationError, convert, to_builtins
@@ -17,25 +17,35 @@ from frenetic._support.scalars import without_numpy
 from frenetic.errors import FreneticError
 from frenetic.parts.registry import hint
 
+EntriesType = TypeVar("EntriesType")
+
 DRIVEN: Final = "driven"
-"""Entry of a road's file with the spec that drove it, see `frenetic.spec.Spec.driving_spec`."""
+"""Entry of a road's file with the spec of its drive, see `frenetic.spec.Spec.driving_spec`."""
 SIGNED: Final = "signed"
 """Entry with the user's signature, see `frenetic.spec.Signed`."""
 
 
-def converted_entries(entries: Mapping[str, Any], kind: type[Any]) -> Any:
-    """Return entries as a struct of this kind.
+def converted_entries(entries: Mapping[str, Any], kind: type[EntriesType]) -> EntriesType:
+    """Return entries as a struct.
+
+    Args:
+        entries: values by their names in a file.
+        kind: class of the struct, a subclass of `msgspec.Struct`.
 
     Raises:
         ValueError: an entry is unknown, missing, of another kind or out of range; the message
             names it.
     """
-    known: tuple[str, ...] = kind.__struct_encode_fields__
+    struct: Any = kind
+    known: tuple[str, ...] = struct.__struct_encode_fields__
     if unknown := [name for name in entries if name not in known]:
-        attribute = dict(zip(kind.__struct_fields__, known, strict=True)).get(unknown[0])
-        close = f": it is {attribute!r}" if attribute else hint(unknown[0], known)
-        others = f"; there are {', '.join(known)}" if close == "." else close
-        raise ValueError(f"there is no entry {unknown[0]!r}{others}")
+        # Some attributes of Python are named otherwise than their entry, such as `conditions`.
+        entry_of_attribute = dict(zip(struct.__struct_fields__, known, strict=True))
+        entry = entry_of_attribute.get(unknown[0])
+        advice = f": it is {entry!r}" if entry else hint(unknown[0], known)
+        if advice == ".":  # no known name is close
+            advice = f"; there are {', '.join(known)}"
+        raise ValueError(f"there is no entry {unknown[0]!r}{advice}")
     check(entries, kind)
     try:
         return convert(without_numpy(entries), kind)
@@ -44,14 +54,14 @@ def converted_entries(entries: Mapping[str, Any], kind: type[Any]) -> Any:
 
 
 def read_table(path: Path, about: str) -> dict[str, Any]:
-    """Return the entries of a file in TOML, not validated.
+    """Return the entries of a TOML file without checking them.
 
     Args:
         path: path of the file.
-        about: what the file says, for messages.
+        about: noun for the content, such as "a run", for messages.
 
     Raises:
-        FreneticError: there is no such file, or it is no TOML.
+        FreneticError: the file does not exist, or is no TOML.
     """
     data = read_bounded(path)
     try:
@@ -60,13 +70,13 @@ def read_table(path: Path, about: str) -> dict[str, Any]:
         raise FreneticError(f"{path} does not say {about}: {error}") from None
 
 
-def read_entries(path: Path, kind: type[Any], about: str) -> Any:
-    """Return the entries of a file in TOML as a struct.
+def read_entries(path: Path, kind: type[EntriesType], about: str) -> EntriesType:
+    """Return the entries of a TOML file as a struct.
 
     Args:
-        path: of the file.
-        kind: class of the struct.
-        about: words for the content, for messages.
+        path: path of the file.
+        kind: class of the struct, a subclass of `msgspec.Struct`.
+        about: noun for the content, such as "a run", for messages.
 
     Raises:
         FreneticError: the file does not exist, or an entry is wrong; the message names it.
@@ -81,10 +91,14 @@ def read_entries(path: Path, kind: type[Any], about: str) -> Any:
 
 
 def sign_driven(path: Path, signed: object) -> None:
-    """Write a signature into the entry `DRIVEN` of a file in JSON, which is replaced whole.
+    """Write a signature into the entry `DRIVEN` of a road's file, which is replaced whole.
+
+    Args:
+        path: path of a file in JSON.
+        signed: a `frenetic.spec.Signed`.
 
     Raises:
-        FreneticError: the file cannot be read or written.
+        FreneticError: the file cannot be read or written, or holds several roads.
     """
     try:
         content = read_json(read_bounded(path))
@@ -95,7 +109,12 @@ def sign_driven(path: Path, signed: object) -> None:
 
 
 def write_entries(entries: Mapping[str, Any], path: Path, about: str) -> None:
-    """Write a file in TOML, without empty entries, under a line about it.
+    """Write the entries that are not empty into a TOML file.
+
+    Args:
+        entries: values by name.
+        path: path of the file.
+        about: comment for the file's first line.
 
     Raises:
         FreneticError: the file cannot be written.

@@ -5,14 +5,16 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
-from frenetic._support.words import part_word, read_part
+from frenetic._support.option_text import part_word, read_part
 from frenetic.parts.registry import SIMULATORS
 
 if TYPE_CHECKING:
     from frenetic.simulators.capabilities import SimulatorDefaults
 
+PARTS: Final = ("strategy", "driver", "simulator")
+"""Kinds of the parts of a run."""
 USUAL: Final = {"strategy": "frenetic", "driver": "planner", "simulator": "embedded"}
-"""Parts of a spec without names."""
+"""Kind of a part -> name of the part where the user names none."""
 
 
 class Part(NamedTuple):
@@ -26,17 +28,20 @@ class Part(NamedTuple):
         return part_word(self.name, self.options)
 
 
-def followed_by(earlier: str, later: str) -> str:
-    """Return the text of the later part, with the earlier options if the part is the same."""
-    name, options = read_part(earlier)
+def merged_part(earlier: str, later: str) -> str:
+    """Return the text of the later part, with the earlier options if both have the same name.
+
+    A text with options alone, such as ``aggression=1.2``, has the name of the other text.
+    """
+    earlier_name, earlier_options = read_part(earlier)
     later_name, later_options = read_part(later)
-    if later_name is not None and name not in (None, later_name):
+    if later_name is not None and earlier_name not in (None, later_name):
         return later
-    return part_word(later_name or name, {**options, **later_options})
+    return part_word(later_name or earlier_name, {**earlier_options, **later_options})
 
 
-def usual_of(simulator: str) -> SimulatorDefaults:
-    """Return the defaults that a simulator's class declares."""
-    from frenetic.simulators.capabilities import defaults_of  # numba takes its time
+def simulator_defaults(simulator: str) -> SimulatorDefaults:
+    """Return the defaults that the class of a simulator declares, by the simulator's name."""
+    from frenetic.simulators.capabilities import defaults_of  # imports numba
 
     return defaults_of(SIMULATORS.load(simulator))

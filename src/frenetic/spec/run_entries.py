@@ -11,9 +11,10 @@ from typing import Annotated, Any, Final
 from msgspec import Meta, Struct, field, structs, to_builtins
 
 from frenetic._support.bounds import Count, Index, NotNegative, Positive, Text, converted
-from frenetic._support.words import parse_duration, part_word, read_part
+from frenetic._support.option_text import part_word, read_part
+from frenetic._support.words import parse_duration
 from frenetic.conditions.condition import require_allowed
-from frenetic.spec.part_record import PARTS
+from frenetic.spec.parts import PARTS
 from frenetic.spec.values import (
     criteria_entries,
     read_class,
@@ -25,22 +26,30 @@ from frenetic.spec.values import (
 
 
 def _about(text: str, metavar: str = "") -> Meta:
-    """Return the help of an entry, and the placeholder of its option's value."""
+    """Return the declared help of an entry.
+
+    Args:
+        text: help of the entry's option.
+        metavar: placeholder of the option's value, such as FILE; by default the entry's name.
+    """
     return Meta(description=text, extra={"metavar": metavar})
 
 
 class Signed(Struct, frozen=True, forbid_unknown_fields=True):
-    """The user's signature of the code that a file names, see `frenetic.parts.trust`."""
+    """The user's signature of the code that a file names, see `frenetic.parts.signatures`."""
 
     folder: str
     """Folder from which the code is loaded."""
     signature: str
+    """Text that only the user's key can make, for this code in this folder."""
 
 
 class RunEntries(
     Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, omit_defaults=True, dict=True
 ):
-    """The entries of a run; an entry that is None or empty is not set.
+    """The entries of a run: what its user says.
+
+    An entry that is None or empty is not set. An entry with `_about` can be an option of commands.
 
     Raises:
         ValueError: an entry is out of range.
@@ -83,7 +92,7 @@ class RunEntries(
         ),
     ] = None
     wall_limit: Positive | None = None
-    """Wall time of a drive, in s; a worker is replaced after 1.5 times this and 10 s."""
+    """Largest wall time of a drive, in s; its worker is replaced after 1.5 times this and 10 s."""
     roads: Annotated[
         Text | dict[str, Any] | None,
         _about(
@@ -114,7 +123,7 @@ class RunEntries(
     time: Annotated[
         Positive | str | None, _about("Stop after this time: 90s, 10m, 1h30m.", "TIME")
     ] = None
-    """Wall time; in s once the entries are read."""
+    """Wall time of the run: a text with a unit, or a number of s, as which a text is kept."""
     failures: Annotated[Count | None, _about("Stop after N failures.", "N")] = None
     start_from: Annotated[
         tuple[Text, ...],
@@ -131,7 +140,7 @@ class RunEntries(
     ] = None
     seed: Annotated[Index | None, _about("Repeats a search. [default: a new one]", "N")] = None
     max_in_flight: Count | None = None
-    """Number of roads that are proposed ahead."""
+    """Most roads that are proposed and have no result yet."""
     workers: Annotated[
         Count | str | None,
         _about(
@@ -141,21 +150,15 @@ class RunEntries(
         ),
     ] = None
     signed: Signed | None = None
-    """Signature of a spec that comes from a file, or goes into one."""
+    """Signature in the file from which the spec comes, or into which it goes."""
 
     def __post_init__(self) -> None:
+        """Check the entries and bring each into one form, so that equal runs have equal entries."""
         values = converted(self.user_values, RunEntries)
         values |= {kind: part_word(*read_part(values[kind])) for kind in PARTS if kind in values}
         require_allowed(values.get("conditions", {}))
         if "criteria" in values:
-            entries = converted(criteria_entries(values["criteria"]), RunEntries)
-            for rule in sorted(entries.keys() & values.keys() - {"criteria"}):
-                if values[rule] != entries[rule]:
-                    raise ValueError(
-                        f"{rule} is {values[rule]:g}, and {entries[rule]:g} in the criteria: leave"
-                        " out one of the two"
-                    )
-            values |= entries
+            values |= _split_criteria(values)
         if "roads" in values:
             values["roads"] = roads_entry(read_class(values["roads"]))
         if "odd" in values:
@@ -186,5 +189,21 @@ class RunEntries(
         return entries
 
 
+def _split_criteria(values: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the criteria among the values, apart from the rules that are named with them.
+
+    Raises:
+        ValueError: a rule has another value among the criteria than as an entry.
+    """
+    entries = converted(criteria_entries(values["criteria"]), RunEntries)
+    for rule in sorted(entries.keys() & values.keys() - {"criteria"}):
+        if values[rule] != entries[rule]:
+            raise ValueError(
+                f"{rule} is {values[rule]:g}, and {entries[rule]:g} in the criteria: leave out one"
+                " of the two"
+            )
+    return entries
+
+
 _UNSET: Final[Mapping[str, Any]] = {"conditions": {}, "start_from": ()}
-"""Values of entries that are not set, where that is not None."""
+"""Name of an entry -> its value while it is not set, where this value is not None."""

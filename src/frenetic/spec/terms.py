@@ -1,4 +1,4 @@
-"""The terms of a run's drives: map, lanes, roads and conditions."""
+"""What holds for every drive of a run: map, lanes, roads and conditions."""
 
 from __future__ import annotations
 
@@ -35,9 +35,9 @@ class Terms:
     lane_width: Positive = LANE_WIDTH
     """Width of each of the two lanes, in m."""
     road_class: RoadClass | None = None
-    """Class whose rules valid roads keep; None for the competition's."""
+    """Class whose rules valid roads keep; None for the competition's rules."""
     domain: Domain | None = None
-    """Domain whose conditions its drives have; None for the usual ones."""
+    """Domain from which the conditions of the drives are drawn; None for the usual conditions."""
     conditions: Mapping[str, float] = field(default_factory=dict)
     """Name of a condition -> its amount in every drive, see `frenetic.conditions`."""
 
@@ -60,19 +60,24 @@ class Terms:
 
     @classmethod
     def of_class(cls, road_class: RoadClass | None, **others: Any) -> Self:
-        """Return the terms for roads of a class, with its map and lanes unless others are set."""
-        usual: dict[str, Any] = {}
+        """Return the terms for roads of a class, with the map and lanes of the class by default.
+
+        Args:
+            road_class: the class; None for the competition's roads.
+            others: further fields, which win.
+        """
+        defaults: dict[str, Any] = {}
         if road_class is not None:
-            usual = {"map_size": road_class.map_size, "lane_width": road_class.lane_width}
-        return cls(road_class=road_class, **{**usual, **others})
+            defaults = {"map_size": road_class.map_size, "lane_width": road_class.lane_width}
+        return cls(road_class=road_class, **{**defaults, **others})
 
     def conditions_of(self, conditions: Mapping[str, float]) -> dict[str, float]:
-        """Return all conditions of a drive that has further conditions, which win."""
+        """Return all conditions of a drive, whose own conditions win."""
         return {**self.conditions, **conditions}
 
 
-_RECORDED: Final = ("lane_width", "map_size", "map_margin")
-"""Entries that each record of a setting has, though terms in Python may leave them out."""
+_REQUIRED: Final = ("lane_width", "map_size", "map_margin")
+"""Entries that each record of a setting has, though they have defaults in Python."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -80,26 +85,28 @@ class DriveSetting(Terms):
     """The terms of a campaign's drives, with its simulator's rules and car."""
 
     rules: Rules
-    """Rules of the drives, but for a speed limit among their conditions."""
+    """Rules of the drives, apart from a speed limit among the conditions."""
     car: CarBody
+    """Box of the simulator's car."""
 
     @classmethod
     def of(cls, config: Mapping[str, Any]) -> Self:
-        """Return the setting in a campaign's configuration.
+        """Return the setting in a campaign's configuration, whose other entries are not read.
 
         Raises:
             ValueError: an entry is missing or wrong; the message names it.
         """
-        if missing := [name for name in _RECORDED if name not in config]:
+        if missing := [name for name in _REQUIRED if name not in config]:
+            # The words of msgspec, which finds entries without default that are missing.
             raise ValueError(f"Object missing required field `{missing[0]}`")
-        wanted = {item.name for item in fields(cls)}
-        return convert({k: v for k, v in config.items() if k in wanted}, cls)
+        names = {item.name for item in fields(cls)}
+        return convert({name: value for name, value in config.items() if name in names}, cls)
 
     @property
     def terms(self) -> Terms:
-        """Terms without rules and car."""
+        """The terms alone, without rules and car."""
         return Terms(**{item.name: getattr(self, item.name) for item in fields(Terms)})
 
     def rules_in(self, conditions: Mapping[str, float]) -> Rules:
-        """Return the rules of a drive that has further conditions."""
+        """Return the rules of a drive in its own conditions, which may hold a speed limit."""
         return rules_in(self.conditions_of(conditions), self.rules)

@@ -1,4 +1,4 @@
-"""Values of entries: road classes, domains, criteria and workers, from texts and files.
+"""Reading values of entries: road classes, domains, criteria and workers.
 
 Every command's help reads this module, so slow imports are inside functions.
 """
@@ -9,84 +9,95 @@ import re
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any, Final
 
-from frenetic._support.words import part_word, read_part, shortened
+from frenetic._support.option_text import part_word, read_part
+from frenetic._support.printable import shortened
 from frenetic.criteria.criterion import CriteriaSet
-
-# Imports inside functions below are too slow for help.
 
 if TYPE_CHECKING:
     from frenetic.conditions.domain import Domain
     from frenetic.road.classes import RoadClass
 
 COMPETITION: Final = "competition"
-"""Name of the roads that keep the competition's rules alone, in place of a road class."""
+"""Value of ``roads`` for roads that keep the competition's rules and no road class."""
 MAX_WORKERS: Final = 1024
-"""Most roads that one computer drives at once; a cluster has as many seats as it has."""
+"""Most workers on one computer (our choice); the size of a cluster is not limited."""
+_DEFAULT_NAME: Final = "own"
+"""Name of a user's domain or criteria whose entries have no name."""
+_RULES: Final = ("speed_limit", "oob_tolerance")
+"""Rules of a drive that a text with criteria may set, too."""
+_MAX_DIGITS: Final = 9
+"""Most digits of a number of workers that is converted: far more than `MAX_WORKERS` has."""
 
 
 def read_class(roads: str | Mapping[str, Any]) -> RoadClass | None:
-    """Return the road class of an entry; None for the competition's roads.
+    """Return the road class that an entry names or describes; None for the competition's roads.
 
     Raises:
         ValueError: the entry is wrong.
         FreneticError: no class has this name.
     """
-    from frenetic.road.classes import class_of  # numba takes its time
+    from frenetic.road.classes import class_of  # imports numba
 
     return class_of(roads)
 
 
 def roads_entry(road_class: RoadClass | None) -> str | dict[str, Any]:
-    """Return the entry for a road class: its name if the class is built in."""
-    from frenetic.road.classes import RoadClass, classes  # numba takes its time
+    """Return the entry for a road class: the name of a built-in class, else all its rules."""
+    from frenetic.road.classes import RoadClass, classes  # imports numba
 
     if road_class is None:
         return COMPETITION
     name = road_class.name
-    is_known = name in classes() and RoadClass.of(name) == road_class
-    return name if is_known else road_class.as_json()
+    is_built_in = name in classes() and RoadClass.of(name) == road_class
+    return name if is_built_in else road_class.as_json()
 
 
 def read_domain(odd: str | Mapping[str, Any]) -> Domain:
-    """Return the domain of an entry: in a file, or of entries.
+    """Return the operational design domain in a file, or of its entries.
+
+    Args:
+        odd: path of a TOML file, or entries by name.
 
     Raises:
-        ValueError: the entry is wrong.
+        ValueError: an entry is wrong.
         FreneticError: the file does not exist, or is wrong.
     """
-    from frenetic.conditions.domain import Domain  # numba takes its time
+    from frenetic.conditions.domain import Domain  # imports numba
 
     if isinstance(odd, str):
         return Domain.of(odd)
-    return Domain.from_entries(str(odd.get("name", "own")), odd)
+    return Domain.from_entries(str(odd.get("name", _DEFAULT_NAME)), odd)
 
 
-def read_profile(criteria: str | Mapping[str, Any]) -> CriteriaSet:
-    """Return the criteria of an entry from `criteria_entries`."""
+def read_criteria(criteria: str | Mapping[str, Any]) -> CriteriaSet:
+    """Return the set of criteria that a text or entries without rules describe.
+
+    Args:
+        criteria: an entry ``criteria`` as `criteria_entries` returns it.
+    """
     if isinstance(criteria, str):
         name, options = read_part(criteria)
         return CriteriaSet.of(name or COMPETITION, options)
     entries = {key: value for key, value in criteria.items() if key != "name"}
-    return CriteriaSet.from_entries(str(criteria.get("name", "own")), entries)
+    return CriteriaSet.from_entries(str(criteria.get("name", _DEFAULT_NAME)), entries)
 
 
 def criteria_entries(criteria: str | Mapping[str, Any]) -> dict[str, Any]:
-    """Return the entries in a text such as ``after-iso-11270,lateral_jerk=4,speed_limit=60``.
+    """Return criteria and the rules that are named with them as entries of their own.
 
-    A text with rules alone gives no criteria.
+    Args:
+        criteria: a text such as ``after-iso-11270,lateral_jerk=4,speed_limit=60``, or entries. With
+            rules alone, as in ``speed_limit=60``, ``criteria`` is None.
     """
-    rules: dict[str, Any] = {}
     if isinstance(criteria, str):
         name, options = read_part(criteria)
     else:
-        name, options = str(criteria.get("name", "own")), dict(criteria)
-    for rule in ("speed_limit", "oob_tolerance"):
-        if rule in options:
-            rules[rule] = options.pop(rule)
+        name, options = None, dict(criteria)
+    rules: dict[str, Any] = {rule: options.pop(rule) for rule in _RULES if rule in options}
     if isinstance(criteria, str) and name is None and not options:
         return {**rules, "criteria": None}
-    profile = read_profile(part_word(name, options) if isinstance(criteria, str) else options)
-    return {**rules, "criteria": profile.entry()}
+    limits = part_word(name, options) if isinstance(criteria, str) else options
+    return {**rules, "criteria": read_criteria(limits).entry()}
 
 
 def require_worker_count(workers: int) -> int:
@@ -107,9 +118,9 @@ def read_workers(text: str) -> int | str:
         ValueError: the text is neither.
     """
     if re.fullmatch("-?[0-9]+", text):
-        if len(text) <= 9 and 1 <= int(text) <= MAX_WORKERS:
+        if len(text) <= _MAX_DIGITS and 1 <= int(text) <= MAX_WORKERS:
             return int(text)
-        raise ValueError(f"{shortened(text, 60)} workers are given: 1 to {MAX_WORKERS} are allowed")
+        raise ValueError(f"workers is {shortened(text, most=60)}: 1 to {MAX_WORKERS} are allowed")
     if ":" not in text:
         raise ValueError(
             f"{text!r} is neither a number nor the address of a Dask scheduler, such as"

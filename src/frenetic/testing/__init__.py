@@ -1,11 +1,11 @@
 """Tests of drivers for pytest; conformance suites for strategies, simulators and drivers.
 
-`keeps_lane` makes a test of a function that returns a driver. The suites need pytest
-(``pip install pytest``): subclass one in a test file and make yours in it. Stand-ins to start from
-need nothing.
+`keeps_lane` turns a function that returns a driver into a test. The conformance suites need pytest
+(``pip install pytest``): subclass one in a test file, and return your part from its method `make`.
+The stand-ins `DummySimulator` and `DummyDriver` need no pytest, nor does `converse`, a stand-in for
+a campaign.
 
-The names below are imported on use, since pytest loads this package, with its plug-in, in every
-session.
+Names are imported on use, since pytest loads this package, with its plug-in, in every session.
 """
 
 from __future__ import annotations

@@ -12,7 +12,7 @@ from frenetic.simulators import EmbeddedSimulator
 
 
 class DriverContract:
-    """The duties of every driver; subclass it and override `make`.
+    """The contract of drivers as a pytest class: subclass it, override `make`, run pytest.
 
     ::
 
@@ -28,11 +28,11 @@ class DriverContract:
         raise NotImplementedError
 
     def test_is_a_driver(self) -> None:
-        """It has the protocol's methods."""
+        """The driver has the methods of the protocol `Driver`."""
         assert isinstance(self.make(), Driver), "it needs the methods reset and act"
 
     def test_keeps_a_straight_lane(self) -> None:
-        """A straight road is no challenge."""
+        """The driver passes a straight road."""
         road = Road(np.zeros(11))
         drive = EmbeddedSimulator().drive(road, self.make())
         assert drive.trouble is None, drive.trouble
@@ -40,22 +40,22 @@ class DriverContract:
         assert result.outcome is Outcome.PASS, result.reason
 
     def test_behaves_the_same_after_reset(self) -> None:
-        """A drive does not depend on the drives before: failing roads can be reproduced."""
-        first = Road(np.array([0.0, 0.01, 0.02, 0.0, -0.02, 0.0]))
-        other = Road(np.array([0.0, -0.02, -0.02, 0.02, 0.02, 0.0]))
+        """A drive does not depend on earlier drives, so failing roads can be reproduced."""
+        road = Road(np.array([0.0, 0.01, 0.02, 0.0, -0.02, 0.0]))
+        other_road = Road(np.array([0.0, -0.02, -0.02, 0.02, 0.02, 0.0]))
         simulator = EmbeddedSimulator()
         driver = self.make()
-        once = simulator.drive(first, driver).trajectory.to_rows()
-        simulator.drive(other, driver)
-        again = simulator.drive(first, driver).trajectory.to_rows()
-        fresh = simulator.drive(first, self.make()).trajectory.to_rows()
-        assert np.array_equal(once, again), (
+        first = simulator.drive(road, driver).trajectory.to_rows()
+        simulator.drive(other_road, driver)
+        repeated = simulator.drive(road, driver).trajectory.to_rows()
+        by_other = simulator.drive(road, self.make()).trajectory.to_rows()
+        assert np.array_equal(first, repeated), (
             "the same road is driven differently after another one: reset has to forget all"
         )
-        assert np.array_equal(once, fresh), "another driver of this class drives differently"
+        assert np.array_equal(first, by_other), "another driver of this class drives differently"
 
     def test_controls_are_numbers(self) -> None:
-        """Every answer is `Controls` of finite numbers; simulators cut pedals to 0..1."""
+        """Each answer is `Controls` of finite numbers; simulators cut pedals to the range 0..1."""
         road = Road(np.array([0.0, 0.03, 0.0, -0.03, 0.0]))
         drive = EmbeddedSimulator().drive(road, self.make())
         assert drive.trouble is None, drive.trouble

@@ -1,8 +1,9 @@
-"""Deterministic, cheap stand-ins with a knob, from which tests and plug-ins start."""
+"""Cheap, deterministic stand-ins for a simulator, a driver and a campaign."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Final
 
 import numpy as np
 
@@ -20,18 +21,22 @@ def no_drift(road: Road) -> float:  # noqa: ARG001
     return 0.0
 
 
-class DummySimulator(Ready):
-    """Moves a car along the ego lane at a steady speed, drifting from its centre; no physics.
+_PERIOD: Final = 0.05
+"""Time between two records of a drive, in s."""
 
-    The driver is reset but never asked, the car moves from the first record on, and the drive is
-    recorded to the road's last point. A drive fails where the drift takes the car out of the lane,
-    so the outcome is a function of the road.
+
+class DummySimulator(Ready):
+    """A simulator without physics: the car drives at a steady speed and drifts in its lane.
+
+    The driver is reset but never asked for controls. The car moves from the first record on, and
+    the drive is recorded to the road's last point. A drive fails where the drift takes the car out
+    of its lane, so the outcome is a function of the road.
 
     Args:
-        drift: m to the left of the ego lane's centre that the car reaches in the middle of the
-            road, given the road.
-        rules: when a drive ends.
-        speed: m/s.
+        drift: function of the road that returns how far left of the ego lane's centre the car is in
+            the middle of the road, in m.
+        rules: rules that say when a drive ends.
+        speed: speed of the car, in m/s.
     """
 
     def __init__(
@@ -48,12 +53,11 @@ class DummySimulator(Ready):
 
     def drive(self, road: Road, driver: Driver) -> Drive:
         """Return a drive at 20 Hz from the road's start to its end."""
-        period = 0.05
         driver.reset(
             DriveSetup(
                 speed_limit=self.rules.start_limit_on(road),
                 lane_width=road.lane_width,
-                period=period,
+                period=_PERIOD,
                 front_axle=1.2,
                 rear_axle=1.4,
                 car_length=self.car.length,
@@ -63,21 +67,22 @@ class DummySimulator(Ready):
                 max_deceleration=9.0,
             )
         )
-        n = max(int(road.length / (self.speed * period)), 1) + 1
-        along = np.linspace(0.0, road.length, n)
-        lateral = -0.5 * road.lane_width + self.drift(road) * np.sin(np.pi * along / road.length)
-        poses = [road.pose_at(s) for s in along]
+        count = max(int(road.length / (self.speed * _PERIOD)), 1) + 1
+        distances = np.linspace(0.0, road.length, count)
+        drift = self.drift(road) * np.sin(np.pi * distances / road.length)
+        offset = -0.5 * road.lane_width + drift  # [m] left of the centre line
+        poses = [road.pose_at(distance) for distance in distances]
         heading = np.array([pose.heading for pose in poses])
-        zeros = np.zeros(n)
+        zeros = np.zeros(count)
         return Drive(
             Trajectory(
-                time=period * np.arange(n, dtype=np.float64),
-                x=np.array([pose.x for pose in poses]) - lateral * np.sin(heading),
-                y=np.array([pose.y for pose in poses]) + lateral * np.cos(heading),
+                time=_PERIOD * np.arange(count, dtype=np.float64),
+                x=np.array([pose.x for pose in poses]) - offset * np.sin(heading),
+                y=np.array([pose.y for pose in poses]) + offset * np.cos(heading),
                 heading=heading,
-                speed=np.full(n, self.speed),
+                speed=np.full(count, self.speed),
                 lateral_speed=zeros,
-                yaw_rate=np.gradient(heading, period),
+                yaw_rate=np.gradient(heading, _PERIOD),
                 steering=zeros,
                 steering_input=zeros,
                 throttle=zeros,
@@ -89,13 +94,13 @@ class DummySimulator(Ready):
 
 
 class DummyDriver:
-    """Always answers with the same controls."""
+    """A driver that always answers with the same controls."""
 
     def __init__(self, steering: float = 0.0, throttle: float = 0.0, brake: float = 0.0) -> None:
         self.controls = Controls(steering, throttle, brake)
 
     def reset(self, setup: DriveSetup) -> None:
-        """Forgets nothing."""
+        """Do nothing: this driver has no memory."""
 
     def act(self, observation: Observation) -> Controls:  # noqa: ARG002
         """Return the same controls."""
@@ -109,24 +114,25 @@ def converse(
     *,
     outstanding: int = 1,
 ) -> list[Evaluation]:
-    """Ask and tell a strategy with a scripted verdict; return the evaluations in order.
+    """Run a campaign without a simulator, and return the evaluations in the order of telling.
 
     Args:
-        strategy: the strategy that is asked and told.
-        verdict: outcome and MOOBD (None unless PASS or FAIL) of a candidate.
-        budget: tests to run, each of which spends an equal share of the budget unless INVALID.
-        outstanding: candidates asked before the first of them is told.
+        strategy: the strategy that is asked for candidates and told their evaluations.
+        verdict: function of a candidate that returns outcome and MOOBD; the MOOBD is None unless
+            the outcome is PASS or FAIL.
+        budget: number of tests to run, without INVALID ones; each spends the same share.
+        outstanding: number of candidates that are asked before the first of them is told.
     """
     evaluations: list[Evaluation] = []
     waiting: list[Candidate] = []
-    spent = 0
-    while spent < budget:
+    tests = 0
+    while tests < budget:
         while len(waiting) < outstanding and (proposed := strategy.ask()) is not None:
             waiting.append(proposed)
         candidate = waiting.pop(0)
         outcome, moobd = verdict(candidate)
-        spent += outcome is not Outcome.INVALID
-        evaluation = Evaluation(candidate, outcome, moobd, spent / budget)
+        tests += outcome is not Outcome.INVALID
+        evaluation = Evaluation(candidate, outcome, moobd, tests / budget)
         strategy.tell(evaluation)
         evaluations.append(evaluation)
     return evaluations

@@ -1,4 +1,4 @@
-"""A first driver and its test, written as files to edit."""
+"""Files of a first driver and its test, for a user to edit."""
 
 from __future__ import annotations
 
@@ -13,14 +13,16 @@ from frenetic._support.files import write_file
 from frenetic.errors import FreneticError
 
 _MODULE: Final = "my_driver"
+"""Name of the templates' module."""
 _CLASS: Final = "MyDriver"
+"""Name of the templates' class."""
 
 
 def write_driver(path: Path) -> tuple[Path, Path, str]:
     """Write a driver that is ready to edit, and its test beside it.
 
     Args:
-        path: a new file of a name that Python can import, such as ``my_driver.py``.
+        path: path of a new file whose name Python can import, such as ``my_driver.py``.
 
     Returns:
         The driver's file, the test's file, and the name of the driver's class.
@@ -43,17 +45,18 @@ def write_driver(path: Path) -> tuple[Path, Path, str]:
     folder = files("frenetic.testing.templates")
     templates = {
         path: folder.joinpath(f"{_MODULE}.py").read_text(encoding="utf-8"),
-        # No module, since it imports what is not there.
+        # The template is no .py file, since it imports a module that is not there.
         test: folder.joinpath(f"test_{_MODULE}.txt").read_text(encoding="utf-8"),
     }
-    name = "".join(word[:1].upper() + word[1:] for word in module.split("_")) or _CLASS
-    if name != _CLASS and any(re.search(rf"\b{name}\b", text) for text in templates.values()):
-        name += "Driver"  # they import something of that name, such as Road
+    class_name = "".join(word[:1].upper() + word[1:] for word in module.split("_")) or _CLASS
+    is_taken = any(re.search(rf"\b{class_name}\b", text) for text in templates.values())
+    if class_name != _CLASS and is_taken:  # the templates use the name, such as Observation
+        class_name += "Driver"
     for file, text in templates.items():
         write_file(
             file,
-            re.sub(rf"\b{_CLASS}\b", name, re.sub(rf"\b{_MODULE}\b", module, text)),
+            re.sub(rf"\b{_CLASS}\b", class_name, re.sub(rf"\b{_MODULE}\b", module, text)),
             remedy="choose another place",
             parents=True,
         )
-    return path, test, name
+    return path, test, class_name

@@ -1,4 +1,4 @@
-"""The pytest plug-in: it knows the mark ``keeps_lane``, and shows what its tests have to say."""
+"""The pytest plug-in: it registers the mark ``keeps_lane`` and shows the notices of such tests."""
 
 from __future__ import annotations
 
@@ -8,12 +8,12 @@ from typing import Final
 
 import pytest
 
-_NAME: Final = "frenetic"
-"""Name of the property of a test's report, also in JUnit files."""
+_PROPERTY: Final = "frenetic"
+"""Name of the property that holds a test's notices, in its report and in JUnit files."""
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """Register the mark."""
+    """Register the mark ``keeps_lane``."""
     config.addinivalue_line(
         "markers", "keeps_lane: a driver's test that searches for failing roads, by Frenetic"
     )
@@ -25,9 +25,9 @@ def pytest_runtest_call(item: pytest.Item) -> Generator[None, object, object]:
     try:
         return (yield)
     finally:
-        # Imported only by those who use it.
+        # Looked up, not imported: most sessions have no such test.
         if lane_test := sys.modules.get("frenetic.testing.lane_test"):
-            item.user_properties += [(_NAME, text) for text in lane_test.NOTICES]
+            item.user_properties += [(_PROPERTY, text) for text in lane_test.NOTICES]
             lane_test.NOTICES.clear()
 
 
@@ -35,7 +35,7 @@ def pytest_runtest_call(item: pytest.Item) -> Generator[None, object, object]:
 def pytest_runtest_makereport(
     item: pytest.Item, call: pytest.CallInfo[None]
 ) -> Generator[None, pytest.TestReport, pytest.TestReport]:
-    """Show only the message of a failure that Frenetic raised, without Python's traceback."""
+    """Show the errors of `lane_test.SHOWN` as a message, without a traceback."""
     report = yield
     lane_test = sys.modules.get("frenetic.testing.lane_test")
     if lane_test and call.when == "call" and item.get_closest_marker("keeps_lane") and call.excinfo:
@@ -46,15 +46,15 @@ def pytest_runtest_makereport(
 
 
 def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
-    """Show the notices."""
+    """Show the notices of all tests, each once."""
     reports = [report for reports in terminalreporter.stats.values() for report in reports]
     properties = [
         user_property
         for report in reports
         for user_property in getattr(report, "user_properties", ())
     ]
-    texts = dict.fromkeys(str(text) for name, text in properties if name == _NAME)
+    texts = dict.fromkeys(str(text) for name, text in properties if name == _PROPERTY)
     if texts:
-        terminalreporter.section(_NAME)
+        terminalreporter.section(_PROPERTY)
         for text in texts:
             terminalreporter.write_line(text)

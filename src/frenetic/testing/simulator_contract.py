@@ -25,18 +25,18 @@ from frenetic.testing.dummies import DummyDriver
 from frenetic.testing.watch import ERROR_TEXT, Watch, breaking, circling, weaving
 
 RECORD_RATE = 10.0
-"""Least rate of a drive's records, in Hz."""
+"""Least rate of a drive's records, in Hz; our choice."""
 
-_ENDS = {
+_END_TEXTS = {
     RUNNING: "stopped before a rule ended it",
     REACHED: "reached the road's end",
     LEFT_LANE: "left the lane",
     STUCK: "was stuck",
     TIMED_OUT: "took too long",
 }
+"""End of a drive -> words for it."""
 
-# Tolerances between a driver's observations and the record, beside latency.
-_SLACKS: dict[str, float | FloatArray] = {
+_TOLERANCES: dict[str, float | FloatArray] = {
     "x": 0.05,  # m
     "y": 0.05,  # m
     "heading": 0.02,  # rad
@@ -49,10 +49,11 @@ _SLACKS: dict[str, float | FloatArray] = {
     "ahead": 0.1 + 0.01 * AHEAD_SPACING * np.arange(AHEAD_POINTS, dtype=np.float64)[:, None],  # m
     "curvature_ahead": 0.005,  # 1/m
 }
+"""Part of an observation -> largest difference from the record, beside latency; our choice."""
 
 
 class SimulatorContract:
-    """The duties of every simulator; subclass it and override `make`, and `driver` if need be.
+    """The contract of simulators as a pytest class: subclass it, override `make`, run pytest.
 
     ::
 
@@ -62,26 +63,30 @@ class SimulatorContract:
             def make(self, rules):
                 return MySimulator(rules=rules)
 
-    A simulator that rightly cannot do something declares it in an attribute of its class.
+    Override `driver` for a simulator that needs a driver of its own. The attributes below declare
+    what a simulator rightly cannot do.
     """
 
     asks_driver = True
-    """False for a simulator that drives by itself and never asks the driver."""
+    """Whether the simulator asks the driver for controls; false if it drives by itself."""
     start_speed = 0.0
-    """Speed at the start of a drive, in m/s, for a simulator whose car does not start at rest."""
+    """Speed of the car at the start of a drive, in m/s."""
     repeats_within = 0.0
-    """Distance of two drives of the same road at the same time, in m; 0: bit for bit."""
+    """Largest distance between two drives of the same road at the same time, in m.
+
+    0 means that the drives have to be the same bit for bit.
+    """
     latency = 0.1
-    """Largest age of what a driver sees, and of the record of its answer, in s."""
+    """Largest delay of an observation, and of an answer in the record, in s."""
     ends_within = 0.5
     """Longest recording after a rule has ended the drive, in s."""
     wall_limit = 600.0
     """Limit of the wall time of one drive of this suite, in s."""
-    _usual: Drive
-    _woven: tuple[Watch, Drive]
+    _shared_drive: Drive
+    _shared_weaving: tuple[Watch, Drive]
 
     def make(self, rules: Rules) -> Simulator:
-        """Return a simulator with the given rules; to be overridden."""
+        """Return a simulator with these rules; to be overridden."""
         raise NotImplementedError
 
     def driver(self) -> Driver:
@@ -90,11 +95,11 @@ class SimulatorContract:
 
     @pytest.fixture
     def road(self) -> Road:
-        """A gentle road of 100 m somewhere on the map."""
+        """The gentle road of `gentle_road`."""
         return gentle_road()
 
     def drive(self, road: Road, rules: Rules | None = None, driver: Driver | None = None) -> Drive:
-        """Drive a road in a fresh simulator; a drive with trouble fails the test."""
+        """Return the drive of a road in a new simulator; a drive with trouble fails the test."""
         with self.make(rules or Rules()) as simulator:
             drive = self.drive_in(simulator, road, driver or self.driver())
         assert drive.trouble is None, drive.trouble
@@ -102,13 +107,13 @@ class SimulatorContract:
         return drive
 
     def usual_drive(self, road: Road) -> Drive:
-        """Return the drive that several tests share, since a drive may take long."""
-        if "_usual" not in vars(type(self)):
-            type(self)._usual = self.drive(road)
-        return self._usual
+        """Return the drive of a road that several tests share, since a drive may take long."""
+        if "_shared_drive" not in vars(type(self)):
+            type(self)._shared_drive = self.drive(road)
+        return self._shared_drive
 
     def drive_in(self, simulator: Simulator, road: Road, driver: Driver) -> Drive:
-        """Drive a road in a simulator, within `wall_limit`."""
+        """Return the drive of a road; one that takes longer than `wall_limit` fails the test."""
         try:
             with wall_limit(self.wall_limit):
                 return simulator.drive(road, driver)
@@ -116,12 +121,12 @@ class SimulatorContract:
             pytest.fail(f"a drive did not end within {self.wall_limit:g} s of wall time")
 
     def test_is_a_simulator(self) -> None:
-        """It has the protocol's methods and attributes."""
+        """The simulator has the methods and attributes of the protocol `Simulator`."""
         simulator = self.make(Rules(speed_limit=50.0))
         assert isinstance(simulator, Simulator), (
             "it needs rules, car and drive, and has to be a context manager"
         )
-        assert simulator.rules == Rules(speed_limit=50.0), "it keeps other rules than it was given"
+        assert simulator.rules == Rules(speed_limit=50.0), "it has other rules than were set"
         assert isinstance(simulator.car, CarBody), "car is no CarBody"
 
     def test_gentle_road_is_passed(self, road: Road) -> None:
@@ -132,9 +137,9 @@ class SimulatorContract:
     def test_starts_at_rest_in_the_ego_lane(self, road: Road) -> None:
         """The car starts at rest on the ego lane's centre at the first point, along the road."""
         start = self.usual_drive(road).trajectory
-        ((s, d),) = road.track([[start.x[0], start.y[0]]])
-        assert abs(s) < 0.5, f"the car starts {s:.2f} m along the road"
-        left = d + 0.5 * road.lane_width
+        ((along, lateral),) = road.track([[start.x[0], start.y[0]]])
+        assert abs(along) < 0.5, f"the car starts {along:.2f} m along the road"
+        left = lateral + 0.5 * road.lane_width
         assert abs(left) < 0.1, f"the car starts {left:.2f} m left of the ego lane's centre"
         turned = wrap(start.heading[0] - road.pose.heading)
         assert abs(turned) < 0.05, f"the car starts turned by {turned:.2f} rad to the left"
@@ -146,25 +151,25 @@ class SimulatorContract:
         )
 
     def test_records_at_a_fixed_rate(self, road: Road) -> None:
-        """Time starts at 0 and goes on in equal steps."""
+        """The time of the records starts at 0 and increases in equal steps."""
         time = self.usual_drive(road).trajectory.time
         steps = np.diff(time)
         assert time[0] == 0.0, f"the first record is at {time[0]} s"
         assert np.allclose(steps, steps[0], atol=1e-6), "the steps of time are not equal"
         assert steps[0] <= 1.0 / RECORD_RATE + 1e-9, f"only one record every {steps[0]:g} s"
 
-    def test_places_change_as_speed_and_heading_say(self, road: Road) -> None:
+    def test_positions_change_as_speed_and_heading_say(self, road: Road) -> None:
         """Positions agree with speed and heading, and headings are unwrapped."""
         t = self.usual_drive(road).trajectory
         cosine, sine = np.cos(t.heading), np.sin(t.heading)
-        for place, rate, name in (
+        for position, rate, name in (
             (t.x, t.speed * cosine - t.lateral_speed * sine, "x"),
             (t.y, t.speed * sine + t.lateral_speed * cosine, "y"),
         ):
             expected = 0.5 * (rate[1:] + rate[:-1]) * np.diff(t.time)
-            wrong = np.abs(np.diff(place) - expected).max()
-            assert wrong <= 0.05, (
-                f"from one record to the next, {name} differs by up to {wrong:.2f} m from what"
+            error = np.abs(np.diff(position) - expected).max()
+            assert error <= 0.05, (
+                f"from one record to the next, {name} differs by up to {error:.2f} m from what"
                 " speed, lateral_speed and heading say"
             )
         assert np.all(np.abs(np.diff(t.heading)) < 1.0), "headings have to be unwrapped"
@@ -172,21 +177,21 @@ class SimulatorContract:
     def test_heading_changes_as_the_yaw_rate_says(self, road: Road) -> None:
         """The yaw rate is the rate at which the heading changes."""
         t = self.usual_drive(road).trajectory
-        turning = np.gradient(t.heading, t.time)
-        wrong = np.abs(t.yaw_rate - turning).max()
-        assert wrong <= 0.02 + 0.25 * np.abs(turning).max(), (
-            f"yaw_rate differs by up to {wrong:.2f} rad/s from how fast the heading changes"
+        expected = np.gradient(t.heading, t.time)
+        error = np.abs(t.yaw_rate - expected).max()
+        assert error <= 0.02 + 0.25 * np.abs(expected).max(), (
+            f"yaw_rate differs by up to {error:.2f} rad/s from how fast the heading changes"
         )
 
     def test_same_road_same_drive(self, road: Road) -> None:
-        """Driving the same road twice gives the same drive, also in one simulator."""
+        """The same road gives the same drive, in another simulator and twice in one simulator."""
         first = self.usual_drive(road)
         with self.make(Rules()) as simulator:
             for _ in range(2):
                 self._assert_alike(first, self.drive_in(simulator, road, self.driver()))
 
     def test_rules_and_car_are_handed_on(self, road: Road) -> None:
-        """The drive carries its rules and the car's box."""
+        """A drive has the rules and the car's box of its simulator."""
         rules = Rules(oob_tolerance=0.5)
         with self.make(rules) as simulator:
             drive = self.drive_in(simulator, road, self.driver())
@@ -221,7 +226,7 @@ class SimulatorContract:
         self._assert_alike(clean, after)
 
     def test_driver_is_told_the_car_the_lane_and_the_limits(self, road: Road) -> None:
-        """Before each drive the driver gets the setup of that drive."""
+        """Before each drive the driver is told its car, lane and speed limit."""
         self._needs_driver()
         watch = Watch(DummyDriver())
         with self.make(Rules()) as simulator:
@@ -230,7 +235,7 @@ class SimulatorContract:
                 (3.5, 54.0, ()),
                 (3.5, 27.0, 27.0),
             ):
-                # Over after a moment.
+                # The short timeout ends the drive after a moment.
                 simulator.rules = Rules(
                     speed_limit=70.0 if road_limits else speed_limit,
                     timeout_base=0.5,
@@ -260,56 +265,58 @@ class SimulatorContract:
         t, period = drive.trajectory, watch.setups[-1].period
         asked = np.array([observation.time for observation in watch.observations])
         assert abs(asked[0]) <= self.latency, f"the driver is asked first at {asked[0]:.2f} s"
-        warm = round(self.latency / period)  # until then sensors that are late have nothing new
-        assert np.allclose(np.diff(asked)[warm:], period, atol=1e-3), (
+        late = round(self.latency / period)  # observations before late sensors have new values
+        assert np.allclose(np.diff(asked)[late:], period, atol=1e-3), (
             f"the driver is not asked every {period:g} s, as setup.period says"
         )
         expected = _observations(road, drive)
         for observation in watch.observations:
-            at = observation.time
-            near = self._near(t.time, at)
-            assert len(near), f"the driver is asked at {at:.2f} s, where nothing is recorded"
-            for name, slack in _SLACKS.items():
+            time = observation.time
+            near = self._near(t.time, time)
+            assert len(near), f"the driver is asked at {time:.2f} s, where nothing is recorded"
+            for name, tolerance in _TOLERANCES.items():
                 value = np.asarray(getattr(observation, name))
                 wanted = np.array([getattr(expected[i], name) for i in near])
                 assert value.shape == wanted.shape[1:], f"{name} has shape {value.shape}"
-                assert _lies_among(value, wanted, slack), (
-                    f"at {at:.2f} s the driver sees {name} = {_shown(value)}, but by the"
-                    f" record it is {_shown(wanted[len(near) // 2])}"
+                assert _lies_among(value, wanted, tolerance), (
+                    f"at {time:.2f} s the driver sees {name} = {_number_text(value)}, but by the"
+                    f" record it is {_number_text(wanted[len(near) // 2])}"
                 )
 
     def test_records_hold_what_the_driver_asked_for(self, road: Road) -> None:
-        """steering_input, throttle and brake are the driver's answers."""
+        """The recorded steering_input, throttle and brake are the driver's answers."""
         watch, drive = self._weave(road)
-        most = watch.setups[-1].max_steering
+        max_steering = watch.setups[-1].max_steering
         times = np.array([observation.time for observation in watch.observations])
         t = drive.trajectory
         for name, recorded, answered in (
             (
                 "steering_input",
-                np.clip(t.steering_input, -most, most),
-                np.clip([controls.steering for controls in watch.answers], -most, most),
+                np.clip(t.steering_input, -max_steering, max_steering),
+                np.clip(
+                    [controls.steering for controls in watch.answers], -max_steering, max_steering
+                ),
             ),
             ("throttle", t.throttle, np.array([controls.throttle for controls in watch.answers])),
             ("brake", t.brake, np.array([controls.brake for controls in watch.answers])),
         ):
             # The last record may come after the last answer.
-            for at, value in zip(t.time[:-1], recorded[:-1], strict=True):
-                near = self._near(times, at)
+            for time, value in zip(t.time[:-1], recorded[:-1], strict=True):
+                near = self._near(times, time)
                 if len(near):
                     assert _lies_among(value, answered[near], 0.01), (
-                        f"at {at:.2f} s {name} = {value:.3f} is recorded, but the driver answered"
+                        f"at {time:.2f} s {name} = {value:.3f} is recorded, but the driver answered"
                         f" {answered[near[len(near) // 2]]:.3f}"
                     )
 
     def test_controls_beyond_the_limits_are_cut(self, road: Road) -> None:
-        """Wheels turn to the largest angle at most, pedals go from 0 to 1."""
+        """The wheels turn by max_steering at most, and pedals are recorded from 0 to 1."""
         self._needs_driver()
         watch = Watch(DummyDriver(steering=10.0, throttle=2.0, brake=-1.0))
         t = self.drive(road, driver=watch).trajectory
-        most, widest = watch.setups[-1].max_steering, np.abs(t.steering).max()
-        assert widest <= most + 0.02, (
-            f"the wheels turn by {widest:.2f} rad, farther than max_steering = {most:.2f}"
+        max_steering, widest = watch.setups[-1].max_steering, np.abs(t.steering).max()
+        assert widest <= max_steering + 0.02, (
+            f"the wheels turn by {widest:.2f} rad, farther than max_steering = {max_steering:.2f}"
         )
         for name, pedal in (("throttle", t.throttle), ("brake", t.brake)):
             assert np.all((pedal >= 0.0) & (pedal <= 1.0)), f"{name} is recorded beyond 0 to 1"
@@ -320,7 +327,7 @@ class SimulatorContract:
         watch = Watch(DummyDriver(), circling)
         road = Road(np.zeros(7), pose=Pose(80.0, 50.0, 1.0))
         t = self.drive(road, driver=watch).trajectory
-        turns = next(
+        turning_time = next(
             (
                 observation.time
                 for observation, controls in zip(watch.observations, watch.answers, strict=True)
@@ -328,12 +335,12 @@ class SimulatorContract:
             ),
             np.inf,
         )
-        steady = np.flatnonzero(t.time > turns + 1.0)
-        driven = float(np.hypot(np.diff(t.x[steady]), np.diff(t.y[steady])).sum())
-        assert driven > 2.0, (
-            f"a driver that steers to the left at 3 m/s gets only {driven:.1f} m far"
+        steady = np.flatnonzero(t.time > turning_time + 1.0)
+        driven_distance = float(np.hypot(np.diff(t.x[steady]), np.diff(t.y[steady])).sum())
+        assert driven_distance > 2.0, (
+            f"a driver that steers to the left at 3 m/s gets only {driven_distance:.1f} m far"
         )
-        curvature = (t.heading[steady[-1]] - t.heading[steady[0]]) / driven
+        curvature = (t.heading[steady[-1]] - t.heading[steady[0]]) / driven_distance
         angle = float(np.mean(t.steering[steady]))
         expected = np.tan(angle) / watch.setups[-1].wheelbase
         assert curvature > 0.0, "steering above 0 turns the car to the right"
@@ -344,18 +351,18 @@ class SimulatorContract:
         )
 
     def test_rolls_down_a_slope(self) -> None:
-        """A car without pedals rolls down a slope, if the simulator lays any."""
+        """A car whose driver presses no pedal rolls down a slope, if the simulator has slopes."""
         self._needs_driver()
         if not capabilities(self.make(Rules())).lays_slopes:
             pytest.skip("this simulator drives flat roads only")
         road = Road(np.zeros(7), pose=Pose(80.0, 50.0, 1.0), grade=-0.1)
         t = self.drive(road, driver=DummyDriver()).trajectory
-        at = min(int(np.searchsorted(t.time, 3.0)), len(t) - 1)
-        seconds, speed = t.time[at], t.speed[at]
-        free = 9.81 * 0.1 / math.hypot(1.0, 0.1) * seconds
-        assert 0.5 * free <= speed <= 1.05 * free, (
+        record = min(int(np.searchsorted(t.time, 3.0)), len(t) - 1)
+        seconds, speed = t.time[record], t.speed[record]
+        free_speed = 9.81 * 0.1 / math.hypot(1.0, 0.1) * seconds  # without drag
+        assert 0.5 * free_speed <= speed <= 1.05 * free_speed, (
             f"down a slope of 10 % the car does {speed:.1f} m/s after {seconds:.1f} s, where"
-            f" {free:.1f} m/s, less some drag, are due"
+            f" {free_speed:.1f} m/s, less some drag, are due"
         )
 
     def test_ends_at_the_roads_end(self, road: Road) -> None:
@@ -363,7 +370,7 @@ class SimulatorContract:
         self._assert_ends(road, self.usual_drive(road), REACHED)
 
     def test_ends_outside_the_lane(self, road: Road) -> None:
-        """The drive ends where the car has left its lane."""
+        """The drive ends when the car has left its lane."""
         self._needs_driver()
         drive = self.drive(road, driver=DummyDriver(steering=0.3, throttle=0.5))
         self._assert_ends(road, drive, LEFT_LANE)
@@ -381,16 +388,17 @@ class SimulatorContract:
         self._assert_ends(road, self.drive(road, rules, DummyDriver()), TIMED_OUT)
 
     def _needs_driver(self) -> None:
+        """Skip the test for a simulator that never asks the driver."""
         if not self.asks_driver:
             pytest.skip("this simulator never asks the driver")
 
     def _weave(self, road: Road) -> tuple[Watch, Drive]:
-        """Return a drive in which all observations and controls change, and its watch."""
+        """Return a driver's watch and its drive, in which all observations and controls change."""
         self._needs_driver()
-        if "_woven" not in vars(type(self)):
+        if "_shared_weaving" not in vars(type(self)):
             watch = Watch(Stanley(), weaving)
-            type(self)._woven = watch, self.drive(road, driver=watch)
-        watch, drive = self._woven
+            type(self)._shared_weaving = watch, self.drive(road, driver=watch)
+        watch, drive = self._shared_weaving
         count = len(watch.observations)
         assert count > 20, f"the driver was asked only {count} times"
         return watch, drive
@@ -400,25 +408,29 @@ class SimulatorContract:
         return np.flatnonzero(np.abs(times - time) <= self.latency + 1e-6)
 
     def _assert_ends(self, road: Road, drive: Drive, end: int) -> None:
+        """Assert that a rule ended a drive, and that the recording stopped soon afterwards."""
         assessment = assess(road, drive)
         assert assessment.end == end, (
-            f"the drive {_ENDS[assessment.end]}; a drive that {_ENDS[end]} was due"
+            f"the drive {_END_TEXTS[assessment.end]}; a drive that {_END_TEXTS[end]} was due"
         )
         time = drive.trajectory.time
         late = time[-1] - time[len(assessment.distance) - 1]
         assert late <= self.ends_within, (
-            f"the drive is recorded for another {late:.1f} s after the car {_ENDS[end]}"
+            f"the drive is recorded for another {late:.1f} s after the car {_END_TEXTS[end]}"
         )
 
     def _assert_alike(self, drive: Drive, repeated_drive: Drive) -> None:
+        """Assert that two drives of one road agree, up to `repeats_within`."""
         first, repeat = drive.trajectory, repeated_drive.trajectory
         if self.repeats_within == 0.0:
             assert np.array_equal(first.to_rows(), repeat.to_rows()), (
                 "the same road and driver did not give the same drive bit for bit"
             )
             return
-        n = min(len(first), len(repeat))
-        apart = np.hypot(first.x[:n] - repeat.x[:n], first.y[:n] - repeat.y[:n]).max()
+        count = min(len(first), len(repeat))
+        apart = np.hypot(
+            first.x[:count] - repeat.x[:count], first.y[:count] - repeat.y[:count]
+        ).max()
         assert apart <= self.repeats_within, (
             f"two drives of the same road and driver are {apart:.2f} m apart"
         )
@@ -434,6 +446,7 @@ def gentle_road() -> Road:
 
 
 def _assert_setup(setup: DriveSetup, name: str, expected: float) -> None:
+    """Assert that a value of a setup is the expected one."""
     value = getattr(setup, name)
     assert abs(value - expected) <= 0.05, (
         f"the driver is told {name} = {value:.2f}, but it is {expected:.2f}"
@@ -441,7 +454,7 @@ def _assert_setup(setup: DriveSetup, name: str, expected: float) -> None:
 
 
 def _observations(road: Road, drive: Drive) -> list[Observation]:
-    """Return the right observation at each record."""
+    """Return the observation that follows from each record."""
     t = drive.trajectory
     observer = Observer(road, drive.rules, drive.car, len(t))
     observations = []
@@ -452,12 +465,12 @@ def _observations(road: Road, drive: Drive) -> list[Observation]:
     return observations
 
 
-def _lies_among(value: npt.ArrayLike, values: FloatArray, slack: float | FloatArray) -> bool:
-    """Return whether ``value`` lies within the range of ``values``, up to the slack."""
-    low, high = values.min(axis=0) - slack, values.max(axis=0) + slack
+def _lies_among(value: npt.ArrayLike, values: FloatArray, tolerance: float | FloatArray) -> bool:
+    """Return whether ``value`` lies within the range of ``values``, up to the tolerance."""
+    low, high = values.min(axis=0) - tolerance, values.max(axis=0) + tolerance
     return bool(np.all((value >= low) & (value <= high)))
 
 
-def _shown(value: FloatArray) -> str:
-    """Return the text of a number, or of the beginning of an array."""
+def _number_text(value: FloatArray) -> str:
+    """Return a number as text, or the first four numbers of an array."""
     return np.array2string(value.ravel()[:4], precision=3)

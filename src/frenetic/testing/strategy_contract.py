@@ -19,7 +19,7 @@ from frenetic.search.records import Candidate, Evaluation, Trace
 from frenetic.search.strategy import SearchEnded, Strategy, has_own
 
 _TESTS = 150
-"""Length of a scripted campaign: long enough for a phase that depends on the budget."""
+"""Tests of a made-up campaign: enough for phases of a strategy that depend on the budget."""
 
 
 class StrategyContract:
@@ -31,38 +31,37 @@ class StrategyContract:
             def make(self, seed: int) -> Strategy:
                 return Mine(seed=seed)
 
-    No simulator is involved: the outcomes are made up, and depend only on a candidate's id. Finite
-    and adaptive strategies are tested as far as they propose without being told. Other strategies
-    pass the tests of `is_wanted` trivially: they want every candidate.
+    No simulator is involved: outcomes are made up and depend only on a candidate's id. A strategy
+    that ends, or waits for results, is tested with the candidates that it proposes by then. A
+    strategy that wants every candidate passes the tests of `is_wanted` trivially.
     """
 
     def make(self, seed: int) -> Strategy:
-        """Return a fresh strategy; to be overridden.
+        """Return a new strategy; to be overridden.
 
         Args:
-            seed: Different seeds must give different searches.
-
+            seed: seed of the strategy; different seeds must give different searches.
         """
         raise NotImplementedError("override make(seed) to return your strategy")
 
     def test_it_has_ask_and_tell(self) -> None:
-        """It satisfies the `Strategy` protocol."""
+        """The strategy has the methods of the protocol `Strategy`."""
         assert isinstance(self.make(1), Strategy)
 
     def test_ids_count_from_one_in_the_order_of_asking(self) -> None:
-        """Ids are 1, 2, 3, .. whatever is told in between."""
+        """Ids are 1, 2, 3 and so on, whatever is told in between."""
         asked = [step.asked for step in _campaign(self.make(1)) if step.asked is not None]
 
         assert [candidate.id for candidate in asked] == list(range(1, len(asked) + 1))
 
     def test_candidates_are_roads(self) -> None:
-        """Each has two or more finite curvatures, a positive step and an origin."""
+        """Each candidate has two or more finite curvatures, a positive step and an origin."""
         for step in _campaign(self.make(1)):
             if step.asked is not None:
                 _assert_is_road(step.asked)
 
     def test_parents_were_asked_before(self) -> None:
-        """An origin's parents are earlier ids, and a road with parents is of a later generation."""
+        """Parents are earlier candidates, and a generation is one more than the latest parent's."""
         generations: dict[int, int] = {}
         for step in _campaign(self.make(1)):
             if step.asked is None:
@@ -74,7 +73,7 @@ class StrategyContract:
             generations[step.asked.id] = origin.generation
 
     def test_fifty_are_asked_before_any_is_told(self) -> None:
-        """Asking does not wait for telling, unless the strategy says so or has ended."""
+        """Fifty candidates can be asked at once, unless the strategy waits for results or ends."""
         strategy = self.make(1)
 
         asked = _ask_many(strategy, 50)
@@ -87,14 +86,14 @@ class StrategyContract:
             assert _ask(strategy) is None  # asking in vain changes nothing
 
     def test_another_seed_gives_other_candidates(self) -> None:
-        """The seed matters."""
+        """Among the first ten candidates of two seeds, a road differs."""
         first, second = self.make(1), self.make(2)
 
         pairs = zip(_ask_many(first, 10), _ask_many(second, 10), strict=False)
         assert any(not np.array_equal(a.curvatures, b.curvatures) for a, b in pairs)
 
     def test_two_strategies_do_not_disturb_each_other(self) -> None:
-        """A strategy draws from its own generator, even while another of its kind is at work."""
+        """A strategy proposes the same beside another strategy of its class as alone."""
         alone = list(_campaign(self.make(5)))
 
         together = []
@@ -119,9 +118,9 @@ class StrategyContract:
     def test_a_replayed_log_gives_the_same_continuation(
         self, outstanding: int, dropping: bool
     ) -> None:
-        """Asking and telling a fresh strategy the same leads to the same state, bit for bit.
+        """A new strategy that is asked and told the same continues in the same way, bit for bit.
 
-        It wants the same candidates, and DROPPED ones have their place in the log.
+        Both strategies want the same candidates. The log holds DROPPED candidates, too.
         """
         strategy, resumed = self.make(5), self.make(5)
         waiting: dict[int, Candidate] = {}
@@ -130,7 +129,7 @@ class StrategyContract:
                 _assert_same_road(step.asked, _ask(resumed))
                 waiting[step.asked.id] = step.asked
             if step.evaluation is not None:
-                # A log gives equal values, but other objects.
+                # A log gives equal values in other objects.
                 candidate = _copy(waiting.pop(step.evaluation.candidate.id))
                 resumed.tell(replace(step.evaluation, candidate=candidate))
             for candidate in waiting.values():
@@ -161,10 +160,10 @@ class StrategyContract:
             _assert_is_road(candidate)
 
     @pytest.mark.parametrize("outcome", list(Outcome))
-    def test_it_goes_on_when_all_outcomes_are_alike(self, outcome: Outcome) -> None:
-        """It proposes roads even if each one is INVALID or an ERROR, or passes, or fails.
+    def test_it_continues_when_all_outcomes_are_alike(self, outcome: Outcome) -> None:
+        """The strategy proposes roads even if all tests have the same outcome.
 
-        Of a drive that nobody measured there is no MOOBD.
+        A drive without a measured MOOBD is tried, too.
         """
         for moobd in (-1.0, None) if outcome.is_driven else (None,):
             strategy = self.make(1)
@@ -177,17 +176,17 @@ class StrategyContract:
 
     @pytest.mark.parametrize("outcome", list(Outcome))
     def test_telling_twice_is_refused_and_changes_nothing(self, outcome: Outcome) -> None:
-        """A second evaluation of a candidate raises ValueError and leaves no trace."""
-        strategy, untroubled = self.make(5), self.make(5)
+        """A second evaluation of a candidate raises ValueError and has no other effect."""
+        strategy, reference = self.make(5), self.make(5)
         moobd = -1.0 if outcome.is_driven else None
         for count in range(1, 51):
-            candidate, counterpart = _ask(strategy), _ask(untroubled)
+            candidate, counterpart = _ask(strategy), _ask(reference)
             if candidate is None or counterpart is None:
                 assert candidate is counterpart
                 break
             _assert_same_road(candidate, counterpart)
             strategy.tell(_made_up(candidate, count / 100))
-            untroubled.tell(_made_up(counterpart, count / 100))
+            reference.tell(_made_up(counterpart, count / 100))
 
             with pytest.raises(ValueError):
                 strategy.tell(Evaluation(candidate, outcome, moobd, 0.5))
@@ -195,39 +194,39 @@ class StrategyContract:
     @pytest.mark.parametrize("unknown_id", [-1, 0, 900, 1000])
     def test_an_unknown_candidate_is_refused_and_changes_nothing(self, unknown_id: int) -> None:
         """An evaluation of a candidate that was never asked raises ValueError."""
-        strategy, untroubled = self.make(5), self.make(5)
+        strategy, reference = self.make(5), self.make(5)
         candidate = _ask_many(strategy, 3)[-1]
-        _ask_many(untroubled, 3)
+        _ask_many(reference, 3)
 
         with pytest.raises(ValueError):
             strategy.tell(Evaluation(replace(candidate, id=unknown_id), Outcome.FAIL, -2.0, 0.9))
 
-        candidates, counterparts = _ask_many(strategy, 20), _ask_many(untroubled, 20)
+        candidates, counterparts = _ask_many(strategy, 20), _ask_many(reference, 20)
         for candidate, counterpart in zip(candidates, counterparts, strict=True):
             _assert_same_road(candidate, counterpart)
 
     def test_interest_is_lost_once_and_asking_for_it_changes_nothing(self) -> None:
-        """A strategy wants what it proposes; what it does not want any more may be gone."""
-        asked_often: list[_AskOrTell] = []
+        """A strategy wants a new candidate, and never wants again what it no longer wants."""
+        steps: list[_AskOrTell] = []
         waiting: dict[int, Candidate] = {}
         unwanted: set[int] = set()
         strategy = self.make(5)
         for step in _campaign(strategy, outstanding=20):
-            asked_often.append(step)
+            steps.append(step)
             if step.asked is not None:
                 assert strategy.is_wanted(step.asked)
                 waiting[step.asked.id] = step.asked
             if step.evaluation is not None:
                 del waiting[step.evaluation.candidate.id]
-            for _ in range(2):
-                lost = {number for number in waiting if not strategy.is_wanted(waiting[number])}
-                assert unwanted & waiting.keys() <= lost
-                unwanted |= lost
+            for _ in range(2):  # the second time, asking must not have changed the answer
+                now_unwanted = {i for i in waiting if not strategy.is_wanted(waiting[i])}
+                assert unwanted & waiting.keys() <= now_unwanted
+                unwanted |= now_unwanted
 
-        _assert_same(asked_often, list(_campaign(self.make(5), outstanding=20)))
+        _assert_same(steps, list(_campaign(self.make(5), outstanding=20)))
 
     def test_a_warm_start_follows_from_what_it_is_told(self) -> None:
-        """The same earlier results give the same candidates; their ids count from one."""
+        """The same earlier results give the same candidates, whose ids count from one."""
         evaluations = [step.evaluation for step in _campaign(self.make(3))]
         earlier = [
             evaluation
@@ -246,17 +245,17 @@ class StrategyContract:
         assert asked == list(range(1, len(asked) + 1))
 
     def test_curvatures_belong_to_one_candidate_and_stay_as_they_are(self) -> None:
-        """They are read-only, share memory with no other candidate's and never change."""
-        taken = [
+        """Curvatures are read-only, share no memory with another candidate's, and never change."""
+        arrays_and_copies = [
             (step.asked.curvatures, step.asked.curvatures.copy())
             for step in _campaign(self.make(1))
             if step.asked is not None
         ]
 
-        for curvatures, values in taken:
+        for curvatures, first_values in arrays_and_copies:
             assert not curvatures.flags.writeable
-            np.testing.assert_array_equal(curvatures, values)
-        for (curvatures, _), (others, _) in itertools.combinations(taken, 2):
+            np.testing.assert_array_equal(curvatures, first_values)
+        for (curvatures, _), (others, _) in itertools.combinations(arrays_and_copies, 2):
             assert not np.may_share_memory(curvatures, others)
 
 
@@ -277,30 +276,33 @@ def _ask(strategy: Strategy) -> Candidate | None:
 
 
 def _ask_many(strategy: Strategy, most: int) -> list[Candidate]:
-    """Return the next candidates, without telling anything."""
+    """Return up to ``most`` next candidates, without telling a result."""
     return list(itertools.islice(iter(lambda: _ask(strategy), None), most))
 
 
 def _campaign(
     strategy: Strategy, *, outstanding: int = 7, dropping: bool = False
 ) -> Iterator[_AskOrTell]:
-    """Ask `_TESTS` candidates and tell made-up results, in a random but fixed order.
+    """Ask `_TESTS` candidates, tell made-up results in a fixed random order, and yield each step.
 
-    With `dropping`, candidates that are unwanted when their turn comes are dropped, and some
-    others: of a strategy that is not selective, only the others.
+    Args:
+        strategy: the strategy.
+        outstanding: most candidates that are asked and not told.
+        dropping: whether to drop every eleventh candidate, and candidates that the strategy no
+            longer wants when their turn comes.
     """
     rng = np.random.default_rng(20210501)
     waiting: list[Candidate] = []
     ask_count = tell_count = 0
     while tell_count < _TESTS:
-        room = ask_count < _TESTS and len(waiting) < outstanding
-        proposed = _ask(strategy) if room else None
+        may_ask = ask_count < _TESTS and len(waiting) < outstanding
+        proposed = _ask(strategy) if may_ask else None
         if proposed is not None:
             waiting.append(proposed)
             ask_count += 1
             yield _AskOrTell(asked=proposed)
         elif not waiting:
-            return  # a finite strategy has ended
+            return  # the strategy has ended
         else:
             tell_count += 1
             candidate = waiting.pop(int(rng.integers(len(waiting))))
@@ -312,17 +314,19 @@ def _campaign(
 
 
 def _made_up(candidate: Candidate, budget_spent: float) -> Evaluation:
-    """Return an evaluation that depends only on the candidate: all outcomes, MOOBDs -3..2.
+    """Return an evaluation that depends only on the candidate.
 
-    One in three drives has no trace, as drives of other simulators may.
+    All outcomes but DROPPED occur, with MOOBDs from -3 to 2 m. Every third drive has no trace, as
+    in a simulator that gives none.
     """
-    outcome, moobd, places, offset, worst, speed, duration = _drawn(candidate.id)
+    outcome, moobd, places, offset, worst, speed, duration = _draw_result(candidate.id)
     if not outcome.is_driven:
         return Evaluation(candidate, outcome, None, budget_spent)
     if candidate.id % 3 == 0:
         return Evaluation(candidate, outcome, moobd, budget_spent)
     distance = candidate.length * places
-    stands = outcome is not Outcome.FAIL or candidate.id % 7 == 0  # some fail in the lane
+    # Every seventh failure happens in the lane.
+    stays_in_lane = outcome is not Outcome.FAIL or candidate.id % 7 == 0
     side: Side = "left" if offset[worst] > 0.0 else "right"
     place = float(distance[worst])
     return Evaluation(
@@ -330,23 +334,26 @@ def _made_up(candidate: Candidate, budget_spent: float) -> Evaluation:
         outcome,
         moobd,
         budget_spent,
-        finding=None if stands else Finding.departure(side, place),
+        finding=None if stays_in_lane else Finding.departure(side, place),
         worst_place=place,
         duration=duration,
         read_trace=lambda: Trace(distance, offset.copy(), speed.copy()),
     )
 
 
-_Drawn: TypeAlias = tuple[Outcome, float, FloatArray, FloatArray, int, FloatArray, float]
+_DrawnResult: TypeAlias = tuple[Outcome, float, FloatArray, FloatArray, int, FloatArray, float]
 
 
 @cache
-def _drawn(candidate_id: int) -> _Drawn:
-    """Draw outcome, MOOBD, places, offsets, index of the worst offset, speeds and duration."""
+def _draw_result(candidate_id: int) -> _DrawnResult:
+    """Return a candidate's outcome, MOOBD, places, offsets, worst index, speeds and duration.
+
+    Places are shares of the road's length, offsets in m, speeds in m/s, the duration in s.
+    """
     rng = np.random.default_rng(candidate_id)
     outcome = list(Outcome)[int(rng.choice(4, p=[0.5, 0.3, 0.15, 0.05]))]
     moobd = float(rng.uniform(-3.0, 2.0))
-    places = np.linspace(0.0, float(rng.uniform(0.2, 1.0)), 100)  # shares of the road's length
+    places = np.linspace(0.0, float(rng.uniform(0.2, 1.0)), 100)
     offset = rng.normal(0.0, 0.3, 100)
     worst = int(rng.integers(100))
     offset[worst] = (2.0 - moobd) * (1.0 if rng.random() < 0.5 else -1.0)
@@ -355,10 +362,12 @@ def _drawn(candidate_id: int) -> _Drawn:
 
 
 def _copy(candidate: Candidate) -> Candidate:
+    """Return an equal candidate with an array of its own."""
     return replace(candidate, curvatures=candidate.curvatures.copy())
 
 
 def _assert_is_road(candidate: Candidate) -> None:
+    """Assert that a candidate describes a road and has an origin."""
     assert candidate.curvatures.dtype == np.float64
     assert candidate.curvatures.ndim == 1
     assert len(candidate.curvatures) >= 2
@@ -368,12 +377,14 @@ def _assert_is_road(candidate: Candidate) -> None:
 
 
 def _assert_same_road(first: Candidate, second: Candidate | None) -> None:
+    """Assert that two candidates have the same id, origin and road, bit for bit."""
     assert second is not None
     assert (first.id, first.step, first.origin) == (second.id, second.step, second.origin)
     assert first.curvatures.tobytes() == second.curvatures.tobytes()
 
 
 def _assert_same(first: list[_AskOrTell], second: list[_AskOrTell]) -> None:
+    """Assert that two campaigns asked the same candidates at the same steps."""
     for step, counterpart in zip(first, second, strict=True):
         if step.asked is None or counterpart.asked is None:
             assert step.asked is counterpart.asked

@@ -17,11 +17,11 @@ ROADS = {
     "left-hand circle": Road(np.r_[np.linspace(0.0, 0.02, 4), np.full(14, 0.02)]),
     "right-hand clothoid": Road(-np.linspace(0.0, 0.02, 21)),
 }
-"""Roads on which a fault of the glue shows; the bends get as sharp as 50 m."""
+"""Name -> road on which a fault of the glue shows; the least radius is 50 m."""
 
 
 class TrackerContract(DriverContract):
-    """The duties of the glue around another package's tracker; subclass it and override `make`.
+    """The contract of glue around another package's tracker: subclass it and override `make`.
 
     ::
 
@@ -31,20 +31,21 @@ class TrackerContract(DriverContract):
             def make(self):
                 return MyTracker()
 
-    A wrong sign, degrees for radians and a car that stops fail here; a wrong axle may pass. The
-    wheels follow nearly at once: who passes here and fails elsewhere may not know their lag.
+    A wrong sign, degrees in place of radians and a car that stops fail here; a wrong axle may pass.
+    The wheels of this suite's car follow nearly at once: a tracker that passes here and fails
+    elsewhere may ignore the lag of the steering.
     """
 
     keeps = 0.4
-    """Largest distance from the lane's centre, in m."""
+    """Largest allowed distance from the lane's centre, in m; our choice."""
 
     def simulator(self) -> Simulator:
-        """Return the simulator of the tests; take the package's own car if it has one."""
+        """Return the simulator of the tests; override it if the package has a car of its own."""
         return EmbeddedSimulator(rules=Rules(speed_limit=36.0), steering_lag=0.03)
 
     @pytest.mark.parametrize("name", ROADS)
     def test_keeps_to_its_lanes_centre(self, name: str) -> None:
-        """It gets to the road's end, near the middle of its lane."""
+        """The tracker gets to the road's end, near the middle of its lane."""
         road = ROADS[name]
         with self.simulator() as simulator:
             drive = simulator.drive(road, self.make())

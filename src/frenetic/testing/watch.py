@@ -1,4 +1,4 @@
-"""Drivers that record how a simulator treats them."""
+"""A driver that records what a simulator shows it, and changes of its controls for tests."""
 
 from __future__ import annotations
 
@@ -14,52 +14,56 @@ ERROR_TEXT = "no idea where I am"
 """Message of the error that `breaking` raises."""
 
 Change: TypeAlias = Callable[[list[Observation], Controls], Controls]
-"""Function of a drive's observations so far and a driver's controls to the changed controls."""
+"""Function of a drive's observations so far and a driver's controls; returns other controls."""
 
 
 class Watch:
-    """Drives as another driver does, and records its setups, observations and answers.
+    """A wrapper that records setups, observations and answers of a driver.
 
     Args:
-        driver: the other driver.
-        change: what replaces its controls; none by default.
+        driver: the driver under the wrapper.
+        change: function that changes the driver's controls; by default they stay.
     """
 
     def __init__(self, driver: Driver, change: Change = lambda _, controls: controls) -> None:
         self.driver = driver
         self.change = change
         self.setups: list[DriveSetup] = []
-        """Setups, drive by drive."""
+        """Setups of all drives, in their order."""
         self.observations: list[Observation] = []
-        """Observations in the last drive."""
+        """Observations of the last drive."""
         self.answers: list[Controls] = []
         """Controls answered in the last drive, one for each observation."""
 
     def reset(self, setup: DriveSetup) -> None:
-        """Begin another drive."""
+        """Begin a drive: record its setup, and forget the observations of the last drive."""
         self.setups.append(setup)
         self.observations, self.answers = [], []
         self.driver.reset(setup)
 
     def act(self, observation: Observation) -> Controls:
-        """Return the other driver's controls, changed."""
+        """Return the changed controls of the driver."""
         self.observations.append(observation)
         self.answers.append(self.change(self.observations, self.driver.act(observation)))
         return self.answers[-1]
 
 
 def weaving(observations: list[Observation], controls: Controls) -> Controls:
-    """Steer a little to either side in turn and brake for a while, so that everything changes."""
+    """Add a weaving of the steering, and brake for a second, so that all signals change."""
     time = observations[-1].time
     controls = replace(controls, steering=controls.steering + 0.03 * math.sin(math.pi * time))
     return replace(controls, throttle=0.0, brake=0.3) if 2.5 <= time < 3.5 else controls
 
 
 def circling(observations: list[Observation], _: Controls) -> Controls:
-    """Drive straight ahead, slowly, then to the left by a steady angle at 3 m/s."""
+    """Drive straight ahead up to 2.5 m/s, then to the left by a steady angle at about 3 m/s."""
     speed = observations[-1].speed
     turns = any(observation.speed >= 2.5 for observation in observations)
-    return Controls(0.15 if turns else 0.0, 0.3 if speed < 3.0 else 0.0, 0.2 * (speed > 3.5))
+    return Controls(
+        steering=0.15 if turns else 0.0,
+        throttle=0.3 if speed < 3.0 else 0.0,
+        brake=0.2 if speed > 3.5 else 0.0,
+    )
 
 
 def breaking(observations: list[Observation], controls: Controls) -> Controls:

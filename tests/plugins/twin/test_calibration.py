@@ -16,15 +16,11 @@ from frenetic.errors import FreneticError
 from frenetic.export import export_campaign
 from frenetic.oracle.drive import Rules
 from frenetic.plugins.twin import calibration
-from frenetic.plugins.twin.calibration import (
-    Recordings,
-    calibrate,
-    folds_of,
-    read_recordings,
-)
+from frenetic.plugins.twin.calibration import calibrate, folds_of
 from frenetic.plugins.twin.intervals import mean_difference
 from frenetic.plugins.twin.model import TwinModel
 from frenetic.plugins.twin.profile import PredictionFigures, TwinProfile
+from frenetic.plugins.twin.recordings import Recordings, read_recordings
 from frenetic.plugins.twin.verdict import UNFITTED, answer, auc_of, top_tenth, verdict_of
 
 if TYPE_CHECKING:

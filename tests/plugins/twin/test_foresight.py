@@ -15,7 +15,7 @@ from contents import contents
 from events import on_result
 
 from frenetic import EmbeddedSimulator, Stanley
-from frenetic._support.words import part_word
+from frenetic._support.option_text import part_word
 from frenetic.campaign import Campaign, CampaignStore
 from frenetic.campaign.check import check_campaign
 from frenetic.campaign.configuration import recorded_spec

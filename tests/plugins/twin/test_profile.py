@@ -11,7 +11,7 @@ import pytest
 from frenetic import EmbeddedSimulator, Road, Rules, Stanley, Vehicle
 from frenetic._support.files import MAX_BYTES
 from frenetic.campaign import RoadTester
-from frenetic.cli.entries import CommandOptions
+from frenetic.cli.command_options import CommandOptions
 from frenetic.drivers import Delayed
 from frenetic.errors import FreneticError
 from frenetic.plugins.twin.profile import TwinProfile

@@ -31,9 +31,11 @@ from frenetic.campaign import defaults
 from frenetic.campaign.lock import lock_file
 from frenetic.campaign.summary import Summary
 from frenetic.errors import FreneticError
-from frenetic.parts import trust
+from frenetic.parts.named_code import named_code
+from frenetic.parts.records import differences
 from frenetic.parts.registry import STRATEGIES
-from frenetic.parts.versions import differences, package_versions
+from frenetic.parts.signatures import unsigned_text
+from frenetic.parts.versions import package_versions
 from frenetic.plugins.bench.entrants import Entrant, entrant_parts, folder_names
 from frenetic.plugins.bench.presets import Preset
 from frenetic.plugins.bench.processes import run_all
@@ -346,8 +348,8 @@ class Bench:
         spec = Spec.of(driving).signed_in(tester.folder, others=others)
         if spec.signed is not None:
             return {SIGNED: msgspec.to_builtins(spec.signed)}
-        if trust.named_code({**spec.parts, **others}):
-            logger.warning("%s", trust.unsigned_text())
+        if named_code({**spec.parts, **others}):
+            logger.warning("%s", unsigned_text())
         return {}
 
 

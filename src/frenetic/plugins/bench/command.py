@@ -16,6 +16,7 @@ import click
 from msgspec import structs, to_builtins
 
 from frenetic.cli import echo
+from frenetic.cli.command_options import CommandOptions, PartsSource
 from frenetic.cli.compare import comparison_document, print_comparison
 from frenetic.cli.console import (
     Log,
@@ -26,16 +27,14 @@ from frenetic.cli.console import (
     shell,
 )
 from frenetic.cli.entries import (
-    CommandOptions,
-    PartsSource,
+    complete_names,
     entry_option,
-    names_of,
     part_options,
     trust_option,
     was_given,
 )
 from frenetic.cli.options import (
-    WORKERS,
+    WORKERS_TYPE,
     as_usage_error,
     count_option,
     folder_option,
@@ -71,7 +70,7 @@ _INTERRUPTED: Final = 130
     "--strategy",
     multiple=True,
     metavar="STRATEGY",
-    shell_complete=names_of("strategy"),
+    shell_complete=complete_names("strategy"),
     help="A search strategy: frenetic-2021,threshold=-0.2. May be repeated. [default: all built-in"
     " ones]",
 )
@@ -88,7 +87,7 @@ _INTERRUPTED: Final = 130
 @entry_option("objective")
 @trust_option
 @click.option(
-    "--workers", type=WORKERS, metavar="N", help="Runs at once. [default: as many as cores]"
+    "--workers", type=WORKERS_TYPE, metavar="N", help="Runs at once. [default: as many as cores]"
 )
 @folder_option("Folder for the results. [default: a new one under benches/]")
 @click.option("--resume", is_flag=True, help="Complete the bench in --out.")

@@ -11,10 +11,10 @@ from typing import Any
 
 import msgspec
 
-from frenetic._support.words import part_word, read_part
+from frenetic._support.option_text import part_word, read_part
 from frenetic.errors import FreneticError
+from frenetic.parts.named_code import Parts
 from frenetic.parts.registry import STRATEGIES
-from frenetic.parts.trust import Parts
 
 PATH_OPTIONS = ("path", "copy", "pipeline", "python")
 """Options of a generator, all paths."""
@@ -174,7 +174,7 @@ class Entrant:
 def entrant_parts(generator: Iterable[str], strategy: Iterable[str]) -> Parts:
     """Return the parts that entrants name, such as "generator 1" -> its name and options.
 
-    `frenetic.parts.trust` takes them.
+    `frenetic.parts.named_code` takes them.
 
     Args:
         generator: the generators as on the command line.

@@ -16,17 +16,20 @@ from typing import Any, Final
 from msgspec import Struct, convert, structs
 
 from frenetic._support.bounds import Count, Index, Positive
-from frenetic._support.words import parse_duration, read_part
+from frenetic._support.option_text import read_part
+from frenetic._support.words import parse_duration
 from frenetic.campaign.tester import RoadTester
 from frenetic.errors import FreneticError
+from frenetic.parts.construction import required_options
+from frenetic.parts.named_code import Parts
 from frenetic.parts.registry import STRATEGIES, hint
-from frenetic.parts.trust import Parts
+from frenetic.parts.trust import require_trusted
 from frenetic.plugins.bench.bench import FILE, Bench, read_record
 from frenetic.plugins.bench.entrants import PATH_OPTIONS, Entrant, entrant_parts
 from frenetic.plugins.bench.presets import find_preset
 from frenetic.plugins.bench.recipes import find_recipe
 from frenetic.plugins.bench.runs import RunTerms
-from frenetic.spec import DRIVING, SIGNED, USUAL, Signed, Spec
+from frenetic.spec import DRIVING_ENTRIES, SIGNED, USUAL, Signed, Spec
 from frenetic.spec.files import read_table
 from frenetic.spec.terms import Terms
 
@@ -55,7 +58,7 @@ class BenchFile(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
 
     @property
     def parts(self) -> Parts:
-        """Entrants as `frenetic.parts.trust` takes them, see `entrant_parts`.
+        """Entrants as `frenetic.parts.named_code` takes them, see `entrant_parts`.
 
         Raises:
             ValueError: a text has no form NAME,OPTION=VALUE.
@@ -138,7 +141,7 @@ def _strategy(text: str) -> Entrant:
 def _built_in() -> Iterator[Entrant]:
     """Yield the registered strategies that need no more than a seed and the map's size."""
     for entry in STRATEGIES.entries():
-        if set(STRATEGIES.needs(STRATEGIES.load(entry.name))) <= {"seed", "map_size"}:
+        if set(required_options(STRATEGIES.load(entry.name))) <= {"seed", "map_size"}:
             yield Entrant(name=entry.name, spec=entry.name, is_strategy=True)
 
 
@@ -160,7 +163,7 @@ _BENCH_ENTRIES: Final = frozenset(BenchFile.__struct_fields__)
 _SPEC_ENTRIES: Final = frozenset(
     entry.encode_name
     for entry in structs.fields(Spec)
-    if entry.name in {*DRIVING, "roads", "map_size", "objective", SIGNED}
+    if entry.name in {*DRIVING_ENTRIES, "roads", "map_size", "objective", SIGNED}
 )
 """Entries of a bench's file that belong to its spec."""
 _DEFAULT_PARTS: Final = {name: USUAL[name] for name in ("driver", "simulator")}
@@ -226,8 +229,9 @@ def open_bench(folder: Path | str, *, is_trusted: bool = False) -> Bench:
         )
     spec, entries = read_bench(path)
     try:
-        trusted_folder = spec.require_trusted(
-            path, others=entries.parts, is_trusted=is_trusted, is_toml=True, optional=()
+        claim = spec.code_claim(others=entries.parts)
+        trusted_folder = require_trusted(
+            path, claim, is_trusted=is_trusted, is_toml=True, optional=()
         )
         with chdir(trusted_folder):
             return entries.bench(spec, folder)

@@ -7,7 +7,8 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Final
 
-from frenetic._support.words import format_duration, part_word
+from frenetic._support.option_text import part_word
+from frenetic._support.words import format_duration
 from frenetic.analysis.comparison import Comparison
 from frenetic.plugins.bench.bench import Bench
 from frenetic.plugins.bench.presets import COLUMNS, measured

@@ -18,7 +18,7 @@ from msgspec import structs
 
 from frenetic._support.bounds import Count, Positive, check
 from frenetic._support.json_value import JSONValue
-from frenetic._support.words import part_word
+from frenetic._support.option_text import part_word
 from frenetic.analysis.sparseness import largest_distances, unlike_lines
 from frenetic.campaign.campaign import Campaign
 from frenetic.campaign.configuration import Owner

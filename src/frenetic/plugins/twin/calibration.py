@@ -16,7 +16,7 @@ from msgspec import Struct
 from threadpoolctl import threadpool_limits
 
 from frenetic._support.arrays import FloatArray
-from frenetic._support.words import read_part
+from frenetic._support.option_text import read_part
 from frenetic.analysis.statistics import ranks
 from frenetic.errors import FreneticError
 from frenetic.oracle.assessment import REACHED, assess

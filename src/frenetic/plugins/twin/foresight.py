@@ -18,7 +18,8 @@ from frenetic.campaign.evaluation import evaluate
 from frenetic.campaign.objective import Objective
 from frenetic.conditions.condition import SEED, condition_named
 from frenetic.errors import FreneticError
-from frenetic.parts.registry import STRATEGIES, hint
+from frenetic.parts.construction import option_names
+from frenetic.parts.registry import hint
 from frenetic.parts.versions import SHORT
 from frenetic.plugins.twin.fitting import Fit, drive_twin
 from frenetic.plugins.twin.model import TwinModel
@@ -72,7 +73,7 @@ def foresight(
         FreneticError: the profile cannot be read, or is for other terms; its driver is not
             compiled; or there is no such option.
     """
-    known = {*(STRATEGIES.option_names(Frenetic) or ())} - {"foresight"}
+    known = {*(option_names(Frenetic) or ())} - {"foresight"}
     if unknown := sorted(options.keys() - known):
         raise FreneticError(
             f"the strategy foresight has no option {unknown[0]!r}{hint(unknown[0], known)}"

@@ -10,13 +10,14 @@ from typing import Any, Final, Literal, Self, TypeAlias
 from msgspec import structs
 
 from frenetic._support.files import require_list
-from frenetic._support.words import part_word
+from frenetic._support.option_text import part_word
 from frenetic.drivers.driver import Driver
 from frenetic.drivers.loading import load_driver
 from frenetic.drivers.stack import unwrapped
 from frenetic.errors import FreneticError
 from frenetic.oracle.drive import Rules
-from frenetic.parts.registry import DRIVERS, hint, options_of
+from frenetic.parts.construction import options_of
+from frenetic.parts.registry import DRIVERS, hint
 from frenetic.plugins.twin.profile import Fitted, TwinProfile
 from frenetic.simulators.embedded import EmbeddedSimulator
 from frenetic.simulators.embedded.vehicle import Vehicle

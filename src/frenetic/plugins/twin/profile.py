@@ -18,7 +18,8 @@ from frenetic._support.bounds import Index, Positive
 from frenetic._support.files import read_bounded, write_file
 from frenetic._support.outside_text import read_json
 from frenetic.errors import FreneticError
-from frenetic.parts.trust import is_here, named_code
+from frenetic.parts.named_code import named_code
+from frenetic.parts.trust import is_here, require_trusted
 from frenetic.road import LANE_WIDTH
 from frenetic.spec import SIGNED, USUAL, Spec
 
@@ -148,7 +149,7 @@ class TwinProfile(ProfileRecord, frozen=True, kw_only=True):
         """
         source = f"the profile {self.name!r}"
         twin = Spec.of_driven(self.driven, source=source)
-        folder = twin.require_trusted(source, optional=())
+        folder = require_trusted(source, twin.code_claim(), optional=())
         # Files are named relative to the folder in which the profile was made.
         kinds = () if is_here(folder) else named_code(twin.parts)
         twin = twin.with_files_in(dict.fromkeys(kinds, folder))

@@ -23,7 +23,7 @@ from frenetic.drivers.driver import Controls, Driver, DriveSetup, Observation
 from frenetic.drivers.loading import under
 from frenetic.drivers.stack import scene_of
 from frenetic.oracle.drive import Trajectory
-from frenetic.parts.versions import over_each_other
+from frenetic.parts.records import over_each_other
 from frenetic.plugins.vision import appearance
 from frenetic.plugins.vision.rendering import CameraRenderer
 from frenetic.report.html.tests import Film

@@ -1,7 +1,7 @@
-"""A campaign as one HTML file that opens anywhere, without a network: `write_report`.
+"""Campaigns and comparisons as HTML files that open anywhere, without a network.
 
-A page is made of *sections* of *blocks*. Your own needs no JavaScript, as long as its blocks are of
-existing kinds::
+`write_report` writes the page of a campaign. A page is made of *sections*, a section of *blocks*. A
+section of your own needs no JavaScript if its blocks are of existing kinds::
 
     from frenetic.report.html import Chart, Paragraph, Section, Series, write_report
 

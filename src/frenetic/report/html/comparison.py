@@ -34,15 +34,18 @@ from frenetic.report.html.page import (
 )
 
 MOST_TILES: Final = 8
-"""Most groups in the headline."""
+"""Most groups in the headline; our choice."""
 POINTS: Final = 400
-"""Most points of a curve."""
+"""Most points of a curve; our choice."""
 COLOURS: Final = 8
-"""Colours of groups; when all are taken they come again, with dashed lines and hollow marks."""
+"""Number of colours of groups; further groups repeat them with dashed lines and hollow marks."""
+_END_WIDTH: Final = 14.0
+"""Width of the end of a track for campaigns without a value, in percent of the track."""
 _CURVES: Final[tuple[tuple[Curve, str], ...]] = (
     ("distinct_after", "distinct failures"),
     ("failures_after", "failures"),
 )
+"""Curves of a page: measure over the simulations, and its title."""
 _STATISTICS: Final = {
     "median, quartiles": "Half of a group's campaigns lie between the quartiles.",
     "A12": "Vargha and Delaney's: the chance that a campaign of the first group does better than"
@@ -66,9 +69,9 @@ def write_comparison_page(
     command: str | None = None,
     sections: Sequence[Section] = (),
 ) -> Path:
-    """Write a comparison as one HTML file that needs nothing else.
+    """Write a comparison as one self-contained HTML file.
 
-    Campaigns whose folder holds a ``report.html`` are linked to it, relative to the page.
+    The page links the ``report.html`` of each campaign that has one, relative to the page.
 
     Args:
         comparison: comparison of one or more groups.
@@ -91,7 +94,7 @@ def write_comparison_page(
         title=title,
         lead=lead,
         facts=facts,
-        line=command,
+        command_line=command,
         sections=sections,
     )
     return write_page(page, path)
@@ -104,7 +107,7 @@ def comparison_report(
     title: str = "",
     lead: str = "",
     facts: Mapping[str, str] | None = None,
-    line: str | None = None,
+    command_line: str | None = None,
     sections: Sequence[Section] = (),
 ) -> Report:
     """Return the page of a comparison.
@@ -115,7 +118,7 @@ def comparison_report(
         title: title of the page; by default the names of the groups.
         lead: a sentence or two before the findings.
         facts: more facts about the campaigns for the reader.
-        line: command line that writes the page again.
+        command_line: command line that writes the page again.
         sections: more sections, after the results.
     """
     title = title or f"{in_short(list(comparison.groups))} compared"
@@ -123,12 +126,14 @@ def comparison_report(
         by.measure.title: f"{by.measure.definition} {capitalised(by.measure.better)} is better."
         for by in comparison.measures
     }
-    configuration: list[Block] = [] if line is None else [command(line, "Makes this again:")]
+    configuration: list[Block] = []
+    if command_line is not None:
+        configuration.append(command(command_line, "Makes this again:"))
     if facts:
         configuration.append(Facts(facts))
     if comparison.shared:
         configuration.append(Facts(comparison.shared, "The same in all campaigns"))
-    measured = Facts(definitions, "Measures"), Facts(_STATISTICS, "Statistics")
+    explanations = Facts(definitions, "Measures"), Facts(_STATISTICS, "Statistics")
     return Report(
         title=title,
         sections=(
@@ -136,11 +141,14 @@ def comparison_report(
             Section("results", "Results", (group_table(comparison),)),
             *sections,
             Section(
-                "curves", "Over the budget", tuple(group_curves(comparison)), _about(comparison)
+                "curves",
+                "Over the budget",
+                tuple(group_curves(comparison)),
+                _curves_text(comparison),
             ),
             Section("spreads", "Campaign by campaign", (group_spreads(comparison),)),
             *_pairs(comparison),
-            Section("measures", "What is measured", measured),
+            Section("measures", "What is measured", explanations),
             Section("campaigns", "Campaigns", (_campaigns(comparison, folder),)),
             Section("configuration", "Configuration", tuple(configuration)),
         ),
@@ -148,13 +156,17 @@ def comparison_report(
 
 
 def _headline(comparison: Comparison, lead: str) -> DataBlock:
+    """Return the block with the findings and the order of the groups at a glance."""
     by = comparison.headline
     campaigns = [campaign for group in comparison.groups.values() for campaign in group]
-    spent = sorted({campaign.simulations for campaign in campaigns})
+    simulations = sorted({campaign.simulations for campaign in campaigns})
+    numbers = " to ".join(map(str, dict.fromkeys([simulations[0], simulations[-1]])))
     facts = {
         "shown above": f"{by.measure.title}: place, median and quartiles",
-        "campaigns": ", ".join(f"{len(group)} of {n}" for n, group in comparison.groups.items()),
-        "simulations": f"{' to '.join(map(str, dict.fromkeys([spent[0], spent[-1]])))} each",
+        "campaigns": ", ".join(
+            f"{len(group)} of {name}" for name, group in comparison.groups.items()
+        ),
+        "simulations": f"{numbers} each",
     }
     parts = ("driver", "simulator", "conditions", "domain")
     facts |= {part: comparison.shared[part] for part in parts if part in comparison.shared}
@@ -173,22 +185,26 @@ def _headline(comparison: Comparison, lead: str) -> DataBlock:
 
 
 def groups_of(comparison: Comparison) -> dict[str, dict[str, Any]]:
-    """Return name -> group, in the order of the headline measure, each with a colour.
+    """Return name -> data of a group for the script, in the order of the headline measure.
 
-    ``role`` names the colour, ``style`` is the colour's class in the style sheet.
+    The data have the group's name; ``role``, the name of its colour; ``style``, its class in the
+    style sheet; and ``is_again``, whether another group has the same colour.
     """
     colours = {name: i for i, name in enumerate(comparison.groups)}
     groups = {}
     for name in comparison.headline.order:
-        again, colour = divmod(colours[name], COLOURS)
-        role = f"group-{colour}"
-        style = f"{role} again" if again else role
-        groups[name] = {"name": name, "role": role, "style": style, "is_again": bool(again)}
+        round_number, colour = divmod(colours[name], COLOURS)
+        role, is_again = f"group-{colour}", round_number > 0
+        style = f"{role} again" if is_again else role
+        groups[name] = {"name": name, "role": role, "style": style, "is_again": is_again}
     return groups
 
 
 def group_table(comparison: Comparison) -> DataBlock:
-    """Return a table with a row per group: medians, and the quartiles under them."""
+    """Return a table with a row per group: the median and the quartiles of each measure.
+
+    A measure with the same value in all campaigns is in the caption.
+    """
     varying: list[MeasureComparison] = []
     alike: list[str] = []
     for by in comparison.measures:
@@ -197,7 +213,7 @@ def group_table(comparison: Comparison) -> DataBlock:
             varying.append(by)
         else:
             alike.append(f"{by.measure.title} {by.measure.text(values.pop())}")
-    same = f" The same in all campaigns: {', '.join(alike)}." if alike else ""
+    alike_text = f" The same in all campaigns: {', '.join(alike)}." if alike else ""
     return DataBlock(
         "groupTable",
         {
@@ -206,21 +222,25 @@ def group_table(comparison: Comparison) -> DataBlock:
                 (group, [(by.median(name), by.quartile_range(name)) for by in varying])
                 for name, group in groups_of(comparison).items()
             ],
-            "caption": f"Median, and under it the quartiles.{same}",
+            "caption": f"Median, and under it the quartiles.{alike_text}",
         },
     )
 
 
 def group_curves(comparison: Comparison) -> Iterator[Chart]:
-    """Yield failures over the simulations: for each group a median, and a band or each campaign."""
+    """Yield charts of distinct failures and of failures over the simulations.
+
+    A chart has the median of each group with a band between the quartiles; a group of few campaigns
+    has a thin line for each campaign in place of the band.
+    """
     groups = groups_of(comparison).values()
     for curve, title in _CURVES:
         lines = tuple(_curve(comparison, group, curve) for group in groups)
         yield Chart(lines, "simulations", title, counts=True)
 
 
-def _about(comparison: Comparison) -> str:
-    """Say what the curves show."""
+def _curves_text(comparison: Comparison) -> str:
+    """Return a text about what the curves show."""
     band = "the band lies between the quartiles"
     if min(map(len, comparison.groups.values())) < LEAST_REPEATS:
         band = (
@@ -234,6 +254,7 @@ def _about(comparison: Comparison) -> str:
 
 
 def _curve(comparison: Comparison, group: dict[str, Any], curve: Curve) -> Series:
+    """Return a group's line in a chart."""
     counts = curves(comparison.groups[group["name"]], curve)
     shown = evenly(counts.shape[1], POINTS).tolist()
     low, median, high = (
@@ -243,11 +264,11 @@ def _curve(comparison: Comparison, group: dict[str, Any], curve: Curve) -> Serie
     has_band = len(counts) >= LEAST_REPEATS
     shows_each = not has_band and len(counts) > 1
     return Series(
-        group["name"],
-        tuple(shown),
-        median,
-        low if has_band else (),
-        high if has_band else (),
+        name=group["name"],
+        x=tuple(shown),
+        y=median,
+        low=low if has_band else (),
+        high=high if has_band else (),
         role=group["role"],
         dashed=group["is_again"],
         singles=tuple(tuple(line[shown].tolist()) for line in counts) if shows_each else (),
@@ -255,7 +276,7 @@ def _curve(comparison: Comparison, group: dict[str, Any], curve: Curve) -> Serie
 
 
 def group_spreads(comparison: Comparison) -> DataBlock:
-    """Return each campaign's value, by each measure."""
+    """Return the block with each campaign's value, measure by measure."""
     groups = groups_of(comparison)
     return DataBlock(
         "spreads",
@@ -268,38 +289,43 @@ def group_spreads(comparison: Comparison) -> DataBlock:
 
 
 def _spread_panel(by: MeasureComparison, groups: dict[str, dict[str, Any]]) -> dict[str, Any]:
-    """Return a measure's values, a row per group; all places are in percent of a track.
+    """Return a measure's values for the script, with a row per group.
 
-    Campaigns without a value stand at an end of their own.
+    All positions are in percent of a track. Campaigns without a value are at the worse end of the
+    track, apart from the others.
     """
     every = [value for name in groups for value in by.values[name]]
     known = [value for value in every if isfinite(value)]
     low, high = (min(known), max(known)) if known else (0.0, 1.0)
-    if low == high:  # all alike: the track shows their distance to 0
+    if low == high:  # all values are alike: the track shows their distance to 0
         low, high = (0.0, 1.0) if low == 0.0 else (min(low, 0.0), max(high, 0.0))
-    more = by.measure.more_is_better
-    nowhere = 0.0 if more else 100.0
-    first, last = 0.0, 100.0
-    if has_none := len(known) < len(every):
-        first, last = (14.0, 100.0) if more else (0.0, 86.0)
+    first, last, without_value = 0.0, 100.0, 0.0 if by.measure.more_is_better else 100.0
+    has_missing = len(known) < len(every)
+    if has_missing and by.measure.more_is_better:
+        first = _END_WIDTH
+    elif has_missing:
+        last = 100.0 - _END_WIDTH
 
-    def at(value: float) -> float:
+    def position(value: float) -> float:
         if not isfinite(value):
-            return nowhere
+            return without_value
         return round(first + (last - first) * (value - low) / (high - low), 2)
 
     numbers = MaxNLocator(5, steps=[1, 2, 5, 10]).tick_values(low, high)
-    ticks = [(at(number), proper(f"{number:.6g}")) for number in numbers if low <= number <= high]
-    if has_none:
-        ticks = [tick for tick in ticks if abs(tick[0] - nowhere) > 20.0] + [(nowhere, "none")]
+    ticks = [
+        (position(number), proper(f"{number:.6g}")) for number in numbers if low <= number <= high
+    ]
+    if has_missing:  # its label needs room among the numbers
+        ticks = [tick for tick in ticks if abs(tick[0] - without_value) > 20.0]
+        ticks.append((without_value, "none"))
     rows = []
     for name, group in groups.items():
         values, quartiles = sorted(by.values[name]), by.quartiles(name)
-        box = [at(value) for value in (quartiles.low, quartiles.median, quartiles.high)]
+        box = [position(value) for value in (quartiles.low, quartiles.median, quartiles.high)]
         rows.append(
             {
                 "group": group,
-                "places": [at(value) for value in values],
+                "places": [position(value) for value in values],
                 "texts": ", ".join(map(by.measure.text, values)),
                 "median": by.median(name),
                 "box": box if quartiles.n >= LEAST_REPEATS else None,
@@ -310,7 +336,7 @@ def _spread_panel(by: MeasureComparison, groups: dict[str, dict[str, Any]]) -> d
 
 
 def _pairs(comparison: Comparison) -> Iterator[Section]:
-    """Yield the comparison of each two groups, by each measure."""
+    """Yield the section that compares each two groups by each measure; nothing for one group."""
     if len(comparison.groups) > 1:
         columns = ("by", "what can be said", ">A12", "effect", ">p")
         rows = tuple(pair_rows(comparison.measures))
@@ -321,6 +347,7 @@ def _pairs(comparison: Comparison) -> Iterator[Section]:
 
 
 def _campaigns(comparison: Comparison, folder: Path) -> Table:
+    """Return the table of all campaigns, with links to their reports from a page in a folder."""
     campaigns = [
         (group, campaign) for group, members in comparison.groups.items() for campaign in members
     ]
@@ -345,10 +372,10 @@ def _campaigns(comparison: Comparison, folder: Path) -> Table:
     )
 
 
-def _relative(place: Path, folder: Path) -> str | None:
+def _relative(path: Path, folder: Path) -> str | None:
     """Return a path relative to a folder; None if they lie on different drives."""
     try:
-        return Path(os.path.relpath(place.resolve(), folder.resolve())).as_posix()
+        return Path(os.path.relpath(path.resolve(), folder.resolve())).as_posix()
     except (OSError, ValueError):  # another drive
         return None
 

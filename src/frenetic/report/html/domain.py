@@ -1,4 +1,4 @@
-"""Section of a page: how much of its domain a campaign drove."""
+"""Section of a page: how much of its operational design domain a campaign drove."""
 
 from __future__ import annotations
 
@@ -9,16 +9,22 @@ from frenetic.analysis.coverage import ROADS, Cells, DomainCoverage
 from frenetic.report.html.page import Block, DataBlock, Section, Table, percent, proper
 
 LISTED: Final = 12
-"""Most cells without a drive that the page names."""
+"""Most cells without a drive that the page names; our choice."""
 
-_LEVELS: Final = (0.0, 0.02, 0.05, 0.1, 0.25)
-"""Failing shares above which a cell is darker."""
-_PAIRS: Final = ("pair", ">cells", ">driven", ">with failures", ">never reached", ">driven share")
+_SHADES: Final = (0.0, 0.02, 0.05, 0.1, 0.25)
+"""Failing shares above which a cell gets the next darker shade; our choice."""
+_PAIR_COLUMNS: Final = (
+    "pair",
+    ">cells",
+    ">driven",
+    ">with failures",
+    ">never reached",
+    ">driven share",
+)
 
 
 def domain_section(coverage: DomainCoverage) -> Section:
-    """Return the cells of a domain, singly and in pairs, and the cells that were never reached."""
-    title = "Domain"
+    """Return the section with a domain's cells, singly and in pairs, and cells never reached."""
     rows = [_row(cells) for cells in coverage.singles]
     blocks: list[Block] = [DataBlock("domain", {"rows": rows, "caption": _caption(coverage)})]
     if coverage.pairs:
@@ -26,10 +32,11 @@ def domain_section(coverage: DomainCoverage) -> Section:
     if coverage.gaps:
         blocks.append(_gaps(coverage))
     lead = f"Which conditions and roads of {coverage.name} were driven. {coverage.as_text()}."
-    return Section("domain", title, tuple(blocks), lead)
+    return Section("domain", "Domain", tuple(blocks), lead)
 
 
 def _row(cells: Cells) -> dict[str, Any]:
+    """Return the cells of one axis for the script."""
     (axis,) = cells.axes
     cells_data = []
     for i in range(axis.cell_count):
@@ -41,13 +48,14 @@ def _row(cells: Cells) -> dict[str, Any]:
                 "text": text if drives else "never reached",
                 "share": _share(float(cells.shares[i])),
                 "driven": drives > 0,
-                "level": sum(failures > level * drives for level in _LEVELS),
+                "level": sum(failures > share * drives for share in _SHADES),
             }
         )
     return {"title": capitalised(axis.title), "unit": axis.unit, "cells": cells_data}
 
 
 def _caption(coverage: DomainCoverage) -> str:
+    """Return the text that explains the cells."""
     text = (
         "In each cell: how many of its drives failed, redder for a larger share; and the share of"
         f" the domain that lies there, for roads as counted in {ROADS} random ones. A search goes"
@@ -59,6 +67,7 @@ def _caption(coverage: DomainCoverage) -> str:
 
 
 def _pairs(coverage: DomainCoverage) -> Table:
+    """Return the table of combinations of two axes, each with a link to the feature map."""
     rows, links = [], []
     for pair in coverage.pairs:
         first, second = pair.axes
@@ -67,7 +76,7 @@ def _pairs(coverage: DomainCoverage) -> Table:
         rows.append((name, *map(str, numbers), _share(pair.driven_share)))
         links.append(f"#map:{first.name}:{second.name}")
     return Table(
-        _PAIRS,
+        _PAIR_COLUMNS,
         tuple(rows),
         "Combinations of the cells of two rows above. A pair opens in the feature map.",
         links=tuple(links),
@@ -75,17 +84,18 @@ def _pairs(coverage: DomainCoverage) -> Table:
 
 
 def _gaps(coverage: DomainCoverage) -> Table:
+    """Return the table of the most probable cells that were never reached."""
     gaps = coverage.gaps[:LISTED]
-    left = len(coverage.gaps) - len(gaps)
+    others = len(coverage.gaps) - len(gaps)
     return Table(
         ("never reached, most probable first", ">lies there"),
         tuple((proper(capitalised(gap.as_text())), gap.likelihood) for gap in gaps),
-        f"{left} more are less probable; 'frenetic show --json' lists all." if left else "",
+        f"{others} more are less probable; 'frenetic show --json' lists all." if others else "",
     )
 
 
 def _share(share: float) -> str:
-    """Return a share of the domain in words."""
+    """Return a share of the domain in percent, as text."""
     if share < 0.0005:
         return "under 0.1 %" if share else "0 %"
     return percent(share)

@@ -1,4 +1,4 @@
-"""Feature maps: the kinds of roads and drives that were tried, and those that fail."""
+"""Section of a page: the feature map, which shows what roads and drives were tried and fail."""
 
 from __future__ import annotations
 
@@ -19,34 +19,39 @@ from frenetic.report.html.page import DataBlock, Section, proper
 from frenetic.report.html.tests import TestSummary
 
 MAPPED: Final = 3000
-"""Measured tests: all failures, and others up to this number."""
+"""Number of tests in the map up to which passed tests are added to the failures; our choice."""
 MAPPED_PASSED: Final = 1000
-"""Least number of measured tests that passed, if there are as many."""
+"""Least number of passed tests in the map, if there are as many; our choice."""
 MAPPED_FAILURES: Final = 10_000
-"""Most measured failures: nearly always all, so that no cell hides one."""
+"""Most failures in the map: nearly always all, so that no cell hides one; our choice."""
 CELLS: Final = 10
-"""Approximate number of cells on an axis."""
+"""Approximate number of cells on an axis; our choice."""
 
-_BINS: Final = "0123456789abcdefghijklmnopqrstuvwxyz"
+_CELL_LETTERS: Final = "0123456789abcdefghijklmnopqrstuvwxyz"
+"""Letters that stand for the cells of an axis, one per test, in the data of the script."""
 
 
 def cells_of(
     feature: Feature, measured: Sequence[Features]
 ) -> tuple[FloatArray, npt.NDArray[np.int64]]:
-    """Cut the range of a feature into cells of round numbers, and put tests into them.
+    """Divide the range of a feature into cells with round edges, and return each test's cell.
+
+    Args:
+        feature: the feature.
+        measured: features of each test; speeds become km/h.
 
     Returns:
-        (n + 1,) edges of the cells, ascending; and (tests,) the cell of each test, from 0. If
-        nothing is measured, the edges divide the published range.
+        Edges of the n cells, (n + 1,), ascending, and the cell of each test, (tests,), counted from
+        0. Without tests the edges divide the published range.
     """
     factor = 3.6 if feature.unit == "m/s" else 1.0
     values = factor * np.array([features[feature.name] for features in measured], dtype=np.float64)
-    shown = values if len(values) else factor * feature.edges[[0, -1]]
-    low, high = float(shown.min()), float(shown.max())
+    in_range = values if len(values) else factor * feature.edges[[0, -1]]
+    low, high = float(in_range.min()), float(in_range.max())
     if feature.is_count:
         edges = np.arange(round(low) - 0.5, round(high) + 1.0)
     else:
-        # One value lies in the middle of a published cell.
+        # If all values are equal, they are in the middle of a range as wide as a published cell.
         half = 0.0 if high - low > 1e-6 else 0.5 * factor * float(np.diff(feature.edges)[0])
         ticks = MaxNLocator(CELLS, steps=[1, 2, 2.5, 5, 10]).tick_values(low - half, high + half)
         edges = np.array(ticks, dtype=np.float64)
@@ -55,9 +60,9 @@ def cells_of(
 
 
 def choose_mapped(tests: Sequence[tuple[int, str, float | None]]) -> set[int]:
-    """Return ids of the measured tests: all failures, and others evenly over the campaign.
+    """Return the ids of the tests in the map: all failures, and passed tests evenly in time.
 
-    Of more than `MAPPED_FAILURES` failures, an even selection from the most severe on.
+    Of more than `MAPPED_FAILURES` failures, the map has a selection that is even in severity.
 
     Args:
         tests: id, outcome and MOOBD of each test, in the order of the results.
@@ -70,6 +75,7 @@ def choose_mapped(tests: Sequence[tuple[int, str, float | None]]) -> set[int]:
 
 
 def _severity(row: tuple[int, str, float | None]) -> tuple[float, int]:
+    """Return MOOBD and id of a test, by which failures are sorted."""
     return row[2] or 0.0, row[0]
 
 
@@ -78,12 +84,12 @@ def map_section(
     tests: Sequence[TestSummary],
     cells: Mapping[Axis, Sequence[int | None]] = MappingProxyType({}),
 ) -> Section:
-    """Return the feature map.
+    """Return the section with the feature map.
 
     Args:
-        measured: test -> the features of the test's segment; tests without a segment are left out.
+        measured: id of a test -> features of the test's segment; tests without one are left out.
         tests: all tests of the campaign.
-        cells: axis of a condition or of roads -> the cell of each measured test, or None.
+        cells: axis of a condition or of roads -> cell of each measured test; None outside the axis.
     """
     title = "Feature map"
     if not measured:
@@ -92,18 +98,18 @@ def map_section(
     for feature in FEATURES.values():
         if feature.name == "length":  # all segments are about as long
             continue
-        edges, places = cells_of(feature, list(measured.values()))
-        assert len(edges) <= len(_BINS)
+        edges, feature_cells = cells_of(feature, list(measured.values()))
+        assert len(edges) <= len(_CELL_LETTERS)
         axis: dict[str, Any] = {
             "name": feature.name,
             "description": feature.description,
             "unit": "km/h" if feature.unit == "m/s" else feature.unit,
             "counts": feature.is_count,
             "edges": edges.round(6).tolist(),
-            "bins": "".join(_BINS[place] for place in places.tolist()),
+            "bins": "".join(_CELL_LETTERS[cell] for cell in feature_cells.tolist()),
         }
         axes.append(axis)
-    axes += [_axis(axis, places) for axis, places in cells.items()]
+    axes += [_axis(axis, axis_cells) for axis, axis_cells in cells.items()]
     failed, passed = (
         [test.id in measured for test in tests if test.outcome is outcome and not test.is_repeat]
         for outcome in (Outcome.FAIL, Outcome.PASS)
@@ -128,14 +134,14 @@ def map_section(
 
 
 def _axis(axis: Axis, cells: Sequence[int | None]) -> dict[str, Any]:
-    """Return an axis of a condition or of roads."""
-    bins = "".join("." if cell is None else _BINS[cell] for cell in cells)
+    """Return an axis of a condition or of roads, and the cells of the tests, for the script."""
+    letters = "".join("." if cell is None else _CELL_LETTERS[cell] for cell in cells)
     return {
         "name": axis.name,
         "description": capitalised(axis.title),
         "unit": axis.unit,
         "counts": False,
         "texts": [proper(capitalised(axis.title_text(i))) for i in range(axis.cell_count)],
-        "ticks": [(place, proper(text)) for place, text in axis.ticks],
-        "bins": bins,
+        "ticks": [(position, proper(text)) for position, text in axis.ticks],
+        "bins": letters,
     }

@@ -24,12 +24,12 @@ def gallery_section(
     reruns: Iterable[Rerun],
     config: Mapping[str, Any],
 ) -> Section:
-    """Return the causes and pictures of failures, or the nearest misses if nothing failed.
+    """Return the section with causes and pictures of failures, or nearest misses if nothing failed.
 
     Args:
-        clusters: the distinct failures, or misses; an example of each cause comes first.
+        clusters: the distinct failures, or the nearest misses.
         tests: all tests of the campaign.
-        drives: drives in the page, see `drive_data`.
+        drives: data of the drives in the page, see `drive_data`.
         counts: counts of all tests.
         repeats: failures that were driven again with the same parts.
         reruns: the reruns in other simulators.
@@ -45,12 +45,13 @@ def gallery_section(
         for rerun in reruns
         for test in rerun.tests
     ]
-    blocks = {"clusters": data, "repeats": _repeat_data(repeats), "elsewhere": elsewhere}
-    gallery = DataBlock("gallery", blocks)
+    gallery = DataBlock(
+        "gallery",
+        {"clusters": data, "repeats": _repeat_data(repeats), "elsewhere": elsewhere},
+    )
     if counts.failed:
-        has_causes = bool(clusters.causes)
-        shown = (_causes(clusters, drives), gallery) if has_causes else (gallery,)
-        return Section("failures", "Failures", shown, _lead(clusters, counts.failures, data))
+        blocks = (_causes(clusters, drives), gallery) if clusters.causes else (gallery,)
+        return Section("failures", "Failures", blocks, _lead(clusters, counts.failures, data))
     lead = f"{capitalised(counts.broken) or 'No failure was found'}."
     if not data:
         return Section("failures", "Failures", (), lead)
@@ -64,10 +65,10 @@ def gallery_section(
 def _cluster_data(
     clusters: Clusters, tests: Sequence[TestSummary], shown: Set[int]
 ) -> list[dict[str, Any]]:
-    """Return the clusters for the script, first those with an example of a cause.
+    """Return the clusters for the script, first the clusters with an example of a cause.
 
     Args:
-        clusters: the distinct failures, or misses.
+        clusters: the distinct failures, or the nearest misses.
         tests: all tests of the campaign.
         shown: ids of the tests whose drives are in the page.
     """
@@ -78,7 +79,7 @@ def _cluster_data(
     def order(id: int) -> tuple[bool, float, int]:  # noqa: A002
         return id not in examples, moobds.get(id, 0.0), id
 
-    first = [clusters.of(example) for example in examples]
+    with_examples = [clusters.of(example) for example in examples]
     return [
         {
             "most_severe": cluster.most_severe,
@@ -91,12 +92,12 @@ def _cluster_data(
             "cause": "" if cluster.cause is None else as_text(*cluster.cause),
             "was_known": cluster.was_known is True,
         }
-        for cluster in dict.fromkeys([*first, *clusters])
+        for cluster in dict.fromkeys([*with_examples, *clusters])
     ]
 
 
 def _repeat_data(repeats: Iterable[Repeats]) -> list[dict[str, Any]]:
-    """Return the judged repeats for the script."""
+    """Return how often failures failed again, for the script."""
     return [
         {
             "test": repeat.id,
@@ -112,30 +113,40 @@ def _repeat_data(repeats: Iterable[Repeats]) -> list[dict[str, Any]]:
 
 
 def _causes(clusters: Clusters, drives: Sequence[Mapping[str, Any]]) -> Table:
-    roads = {drive["id"]: _road(drive) for drive in drives}
+    """Return the table of causes, each with an example that opens if its drive is in the page."""
+    road_texts = {drive["id"]: _road_text(drive) for drive in drives}
     rows = tuple(
         (
             capitalised(cause.words),
             str(cause.failures),
             str(len(cause.clusters)),
-            f"test {cause.example}{roads.get(cause.example, '')}",
+            f"test {cause.example}{road_texts.get(cause.example, '')}",
         )
         for cause in clusters.causes
     )
     examples = [cause.example for cause in clusters.causes]
-    links = tuple(f"#test-{i}" if i in roads else None for i in examples)
+    links = tuple(f"#test-{i}" if i in road_texts else None for i in examples)
     return Table(("the driver", ">failures", ">distinct", "an example"), rows, links=links)
 
 
-def _road(drive: Mapping[str, Any]) -> str:
-    """Return the length of a drive's road, and to how much it was cut."""
-    roads = [drive["road"], *([drive["minimised"]["drive"]["road"]] if drive["minimised"] else [])]
+def _road_text(drive: Mapping[str, Any]) -> str:
+    """Return the lengths of a road and its minimised road, such as ``: 240 m, cut to 80 m``."""
+    roads = [drive["road"]]
+    if drive["minimised"]:
+        roads.append(drive["minimised"]["drive"]["road"])
     return ": " + ", cut to ".join(
         f"{road['step'] * (len(road['curvatures']) - 1):.0f} m" for road in roads
     )
 
 
 def _lead(clusters: Clusters, failures: int, data: Sequence[Mapping[str, Any]]) -> str:
+    """Return the text above the failures.
+
+    Args:
+        clusters: the distinct failures.
+        failures: number of all failures.
+        data: the clusters for the script.
+    """
     lead = (
         f"{counted(len(clusters), 'distinct failure')} among {clusters.failures}, and what the"
         " driver does wrong. Failures with the same problem are together."
@@ -148,9 +159,9 @@ def _lead(clusters: Clusters, failures: int, data: Sequence[Mapping[str, Any]]) 
             )
     if clusters.failures < failures:
         lead += f" Only the {clusters.failures} most severe of {failures} were compared."
-    here = sum(len(cluster_data["shown"]) for cluster_data in data)
-    if here < failures:
+    shown = sum(len(cluster_data["shown"]) for cluster_data in data)
+    if shown < failures:
         lead += (
-            f" {here} of {failures} failures can be opened here; 'frenetic show' shows the others."
+            f" {shown} of {failures} failures can be opened here; 'frenetic show' shows the others."
         )
     return lead

@@ -1,6 +1,6 @@
-"""A page of sections with blocks, as one self-contained HTML file.
+"""Pages of sections with blocks, as self-contained HTML files.
 
-Texts are plain: nothing in them is HTML.
+All texts are plain: nothing in them is read as HTML.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ SCRIPTS: Final = (
 )
 """Files in ``static`` that draw a page of sections, in this order."""
 SCRIPTED: Final = frozenset({"chart", "gallery", "featureMap", "tests"})
-"""Kinds of blocks that the script draws; the template draws the others."""
+"""Kinds of blocks that the script draws; the template draws the other kinds."""
 
 _SECTION_ID: Final = re.compile(r"[a-z][a-z0-9-]*")
 
@@ -40,14 +40,14 @@ class DataBlock:
     """A block of our own pages, drawn from its data by a macro or by the script."""
 
     kind: str
-    """Name of a macro of ``templates/blocks.html``, or of a function of the script."""
+    """Name of a macro in ``templates/blocks.html``, or of a function in the script."""
     data: Mapping[str, Any]
-    """Texts, numbers, and lists, mappings or dataclasses of them."""
+    """Data of the block: texts, numbers, and lists, mappings or dataclasses of these."""
 
 
 @dataclass(frozen=True)
 class Paragraph:
-    """A text."""
+    """A block of text."""
 
     kind: ClassVar[str] = "paragraph"
     text: str
@@ -55,53 +55,56 @@ class Paragraph:
 
 @dataclass(frozen=True)
 class Facts:
-    """Names and values, one below the other."""
+    """A block of names with values, one below the other."""
 
     kind: ClassVar[str] = "facts"
     facts: Mapping[str, str]
     title: str = ""
     folded: bool = False
-    """Whether it is folded until its title is clicked."""
+    """Whether only the title is shown until it is clicked."""
 
 
 @dataclass(frozen=True)
 class Table:
-    """Rows of texts."""
+    """A block with rows of texts."""
 
     kind: ClassVar[str] = "table"
     columns: tuple[str, ...]
-    """Titles; one that begins with > is right-aligned, for numbers."""
+    """Titles of the columns; a title that begins with > makes its column right-aligned."""
     rows: tuple[tuple[str, ...], ...]
     caption: str = ""
     links: tuple[str | None, ...] = ()
-    """Relative address of the link in each row's first text, as many as rows, or none."""
+    """Relative address to which each row's first text links, or None; empty without links."""
 
 
 @dataclass(frozen=True)
 class Series:
-    """A line through points, with a band around it if there is one."""
+    """A line of a chart, which may have a band around it."""
 
     name: str
     x: tuple[float, ...]
-    """Ascending."""
+    """Ascending positions of the line's points."""
     y: tuple[float, ...]
+    """Values of the line's points."""
     low: tuple[float, ...] = ()
-    """Lower edge of the band, as many as points, or none."""
+    """Lower edge of the band at each point; empty without a band."""
     high: tuple[float, ...] = ()
+    """Upper edge of the band at each point; empty without a band."""
     role: str = "accent"
     """Name of a colour of ``report.css``: accent, fail, pass, quiet, or ``group-0`` to 7."""
     dashed: bool = False
+    """Whether the line is dashed."""
     stepped: bool = False
-    """Whether the value holds until the next point."""
+    """Whether the line keeps its value until the next point."""
     width: float = 2.0
     """Width of the line, in pixels."""
     singles: tuple[tuple[float, ...], ...] = ()
-    """Thin lines beside it, each with as many points."""
+    """Values of thin lines beside the line, at the same points."""
 
 
 @dataclass(frozen=True)
 class Chart:
-    """Lines over a number."""
+    """A block with a chart of lines."""
 
     kind: ClassVar[str] = "chart"
     series: tuple[Series, ...]
@@ -109,9 +112,9 @@ class Chart:
     y_title: str
     caption: str = ""
     counts: bool = False
-    """Whether both axes begin at 0, and the upper one has whole numbers."""
+    """Whether both axes begin at 0, and the vertical axis has whole numbers."""
     tests: tuple[int | None, ...] = ()
-    """Id of the test that a click at each point of the first line opens, or none."""
+    """Id of the test that a click at each point of the first line opens; None for no test."""
 
 
 Block: TypeAlias = DataBlock | Paragraph | Facts | Table | Chart
@@ -122,7 +125,7 @@ class Section:
     """A headline with blocks under it."""
 
     id: str
-    """Letters, digits and hyphens; each once in a page."""
+    """Lower-case letters, digits and hyphens; unique in a page."""
     title: str
     blocks: tuple[Block, ...]
     lead: str = ""
@@ -144,15 +147,15 @@ class Report:
     title: str
     sections: tuple[Section, ...]
     made_by: str = field(default_factory=made_by)
-    """The program and its version."""
+    """The program and its version, for the foot of the page."""
     data: Mapping[str, Any] = field(default_factory=dict)
-    """Data of the script beside the blocks, see `campaign_report` and `animate`."""
+    """Data for the script beside the blocks, see `campaign_report` and `animate`."""
     finished_at: str = ""
-    """When the campaign of the page ended; empty if it has not ended, or without a campaign."""
+    """When the page's campaign ended, ISO 8601; empty without a campaign that has ended."""
 
     @property
     def finished_tag(self) -> Markup:
-        """The tag near the page's beginning that says when its campaign ended."""
+        """Tag near the page's beginning that holds `finished_at`."""
         return Markup('<meta name="campaign-finished" content="{}">').format(self.finished_at)
 
 
@@ -183,12 +186,12 @@ def render(report: Report) -> str:
             report=report,
             scripted=SCRIPTED,
             policy=_policy(script, style),
-            style=Markup(style),  # noqa: S704  # our own
-            script=Markup(script),  # noqa: S704  # our own
-            data=_island({**report.data, "title": report.title, "blocks": blocks}),
+            style=Markup(style),  # noqa: S704  # a file of this package
+            script=Markup(script),  # noqa: S704  # files of this package
+            data=_script_json({**report.data, "title": report.title, "blocks": blocks}),
         )
     )
-    # A name of a file may hold what no encoding has.
+    # Some names of files have no encoding.
     return text.encode("utf-8", "replace").decode()
 
 
@@ -203,16 +206,16 @@ def write_page(report: Report, path: Path | str) -> Path:
     return path
 
 
-def _island(data: Mapping[str, Any]) -> Markup:
+def _script_json(data: Mapping[str, Any]) -> Markup:
     """Return data as JSON whose texts cannot end a script element."""
-    text = encode(data).decode()  # what is not finite is null
+    text = encode(data).decode()  # infinities and NaN become null
     for sign in "&<>\u2028\u2029":
         text = text.replace(sign, f"\\u{ord(sign):04x}")
     return Markup(text)  # noqa: S704  # nothing in it is markup any more
 
 
 def _policy(script: str, style: str) -> str:
-    """Return a content security policy that allows this script and style and loads nothing."""
+    """Return a content security policy that allows this script and style, and no loading."""
     script_src, style_src = (
         f"'sha256-{base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()}'"
         for text in (script, style)
@@ -225,6 +228,7 @@ def _policy(script: str, style: str) -> str:
 
 @cache
 def _templates() -> Environment:
+    """Return the environment of the HTML templates."""
     return Environment(
         loader=PackageLoader("frenetic.report.html"),
         autoescape=True,
@@ -236,31 +240,29 @@ def _templates() -> Environment:
 
 @cache
 def _assets(*, is_replay: bool) -> tuple[str, str]:
-    """Return the page's script and style, with the library that draws charts (uPlot, MIT)."""
+    """Return script and style of a page; only a page without replay has charts (uPlot, MIT)."""
     scripts = "\n".join(map(_text, REPLAY_SCRIPTS if is_replay else SCRIPTS))
     script, style = f'"use strict";\n(() => {{\n{scripts}\n}})();\n', _text("report.css")
     if not is_replay:
         script = f"{_text('uPlot.iife.min.js')}\n{script}"
         style = f"{_text('uPlot.min.css')}\n{style}"
-    # A script has one line end, and nothing that ends its element.
+    # An HTML parser changes line ends and NUL, and ends the element at some texts.
     script = script.replace("\r\n", "\n").replace("\r", "\n").replace("\0", "\\0")
     return re.sub(r"<(?=/script|script|!--)", r"\\x3c", script, flags=re.IGNORECASE), style
 
 
 def _text(name: str) -> str:
+    """Return the text of a file in ``static``."""
     return files(__package__).joinpath("static", name).read_text(encoding="utf-8")
 
 
-# Numbers for people
-
-
 def command(line: str, text: str) -> DataBlock:
-    """Return a block with a command line to copy, and the effect of the command."""
+    """Return a block with a command line to copy; ``text`` says what the command does."""
     return DataBlock("command", {"line": line, "text": text})
 
 
 def percent(share: float) -> str:
-    """Return a share 0..1 in percent, in the form of a page's texts."""
+    """Return a share 0..1 in percent, with a decimal and a space that does not break."""
     return f"{100.0 * share:.1f}\u00a0%"
 
 

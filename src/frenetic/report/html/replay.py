@@ -1,4 +1,4 @@
-"""One drive as a replay within another page, such as a notebook: `animate`."""
+"""Replays of drives within other pages, such as notebooks: `animate`."""
 
 from __future__ import annotations
 
@@ -13,15 +13,15 @@ from frenetic.campaign.record import Test
 from frenetic.oracle.drive import Drive
 from frenetic.report.html.page import Report, render
 from frenetic.report.html.tests import COLUMNS, drive_data
-from frenetic.report.scene import look, road_of
+from frenetic.report.judged_drive import judge_drive, road_of
 from frenetic.road import Road
 
-_HEIGHT: Final = 900  # px
+_HEIGHT: Final = 900  # [px] of a replay; our choice
 
 
 @dataclass(frozen=True, repr=False)
 class Replay:
-    """A replay that a notebook shows; it is complete in itself and loads nothing."""
+    """A replay that a notebook shows; it is self-contained and loads nothing."""
 
     title: str
     page: str
@@ -47,18 +47,19 @@ class Replay:
         return path
 
     def _repr_html_(self) -> str:
+        """Return the replay as Jupyter shows it."""
         return self.html
 
     def __repr__(self) -> str:
-        """The replay at a glance."""
+        """Return a text that says how to see the replay."""
         return f"<Replay of {self.title}: a notebook shows it, write('replay.html') keeps it>"
 
 
 def animate(thing: Drive | Test, *, road: Road | None = None) -> Replay:
-    """Return the replay of a drive or of a test's drive: from above, close up, along the road.
+    """Return the replay of a drive: from above, in a close-up, and in profiles along the road.
 
     Args:
-        thing: the drive or test.
+        thing: the drive, or a test with its drive.
         road: the driven road, for a drive that does not know it.
 
     Raises:
@@ -72,15 +73,15 @@ def animate(thing: Drive | Test, *, road: Road | None = None) -> Replay:
             f"the drive of {thing!r} is missing: it was not driven, or was read without trajectory"
         )
     road = road_of(drive, road)
-    judged = look(road, drive)
+    judged = judge_drive(road, drive)
     result = judged.result if test is None else test.result
     segment = segment_of(road, judged.drive, result.finding)
     title = "Drive" if test is None else f"Test {test.id}"
-    number = 0 if test is None else test.id
+    test_id = 0 if test is None else test.id
     data = {
-        "replay": number,
+        "replay": test_id,
         "lane_width": road.lane_width,
         "resolutions": COLUMNS,
-        "drives": [drive_data(number, result, segment)],
+        "drives": [drive_data(test_id, result, segment)],
     }
-    return Replay(title, render(Report(title, (), data=data)))
+    return Replay(title, render(Report(title, sections=(), data=data)))

@@ -1,4 +1,4 @@
-"""The tests of a page: a table of all tests, and some drives for replays."""
+"""Data of tests for the script of a page: a table of all tests, and some drives to replay."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from frenetic.oracle.assessment import Assessment
 from frenetic.oracle.drive import Trajectory
 from frenetic.oracle.outcome import Outcome
 from frenetic.oracle.signals import measure
-from frenetic.oracle.verdict import Result, Side, breach_text
+from frenetic.oracle.verdict import Finding, Result, Side, breach_text
 from frenetic.report.failures import FAILURES, file_stem
 from frenetic.report.minimised import MINIMISED, minimised_drives
 from frenetic.report.orientation import turn_of
@@ -27,9 +27,9 @@ from frenetic.search.operator_names import OPERATOR_DESCRIPTIONS, RANDOM
 from frenetic.search.records import Origin
 
 RATE: Final = 10.0
-"""Rate of a drive's records in a page, in Hz."""
+"""Rate of a drive's records in a page, in Hz; our choice."""
 MOST_RECORDS: Final = 1500
-"""Most records of a drive in a page."""
+"""Most records of a drive in a page; our choice."""
 
 COLUMNS: Final[Mapping[str, float]] = {
     "time": 0.01,  # [s]
@@ -44,54 +44,55 @@ COLUMNS: Final[Mapping[str, float]] = {
     "throttle": 0.01,  # [0..1]
     "brake": 0.01,  # [0..1]
 }
-"""Columns of a drive, in their order -> resolution."""
+"""Column of a drive -> resolution of its numbers, in the order of the columns."""
 
 
 @dataclass(frozen=True, slots=True)
 class TestSummary:
-    """Data of a test for a page."""
+    """A test as the sections of a page need it."""
 
-    __test__: ClassVar[bool] = False  # no test class of pytest's
+    __test__: ClassVar[bool] = False  # pytest would take the class for a test
 
     id: int
     outcome: Outcome
     moobd: float | None
-    """m."""
+    """Minimum oob distance, in m; None without one."""
     is_random: bool
-    """Whether its road was drawn at random."""
+    """Whether the road was drawn at random."""
     conditions: Mapping[str, float]
+    """Name of a condition -> amount."""
     side: Side | None = None
-    """Side on which the car left its lane; None if it did not."""
+    """Side on which the car left its lane; None if it stayed."""
     criteria: str | None = None
-    """The criteria by which it failed, see `frenetic.oracle.Finding`; None without one."""
+    """Names of the criteria that the drive exceeded, see `frenetic.oracle.Finding`, or None."""
     length: float = 0.0
     """Length of the road, in m."""
     duration: float | None = None
-    """Simulated time of the drive, in s; None without one."""
+    """Simulated time of the drive, in s; None if nothing was driven."""
     is_repeat: bool = False
-    """Whether it repeats an earlier test, and so counts in no measure."""
+    """Whether the test repeats an earlier one: no measure counts it."""
 
     @classmethod
     def of(cls, record: Test, *, is_repeat: bool = False) -> TestSummary:
         """Return the summary of a stored test."""
         candidate, departure = record.candidate, record.departure
+        criteria = [finding.criterion.replace("_", " ") for finding in record.result.findings]
         return cls(
-            candidate.id,
-            record.outcome,
-            record.moobd,
-            candidate.origin.operator == RANDOM,
-            candidate.conditions,
-            None if departure is None else departure.side,
-            ", ".join(finding.criterion.replace("_", " ") for finding in record.result.findings)
-            or None,
-            candidate.step * (len(candidate.curvatures) - 1),
-            record.result.duration if record.outcome.is_driven else None,
-            is_repeat,
+            id=candidate.id,
+            outcome=record.outcome,
+            moobd=record.moobd,
+            is_random=candidate.origin.operator == RANDOM,
+            conditions=candidate.conditions,
+            side=None if departure is None else departure.side,
+            criteria=", ".join(criteria) or None,
+            length=candidate.step * (len(candidate.curvatures) - 1),
+            duration=record.result.duration if record.outcome.is_driven else None,
+            is_repeat=is_repeat,
         )
 
 
 def table_of(tests: Iterable[TestSummary]) -> dict[str, list[Any]]:
-    """Return columns of equal length, a row per test."""
+    """Return the table of tests: name of a column -> values, one per test."""
     rows = list(tests)
     return {
         "id": [test.id for test in rows],
@@ -106,24 +107,25 @@ def table_of(tests: Iterable[TestSummary]) -> dict[str, list[Any]]:
 
 @dataclass(frozen=True)
 class Film:
-    """Pictures beside a drive's replay."""
+    """A film beside a drive's replay."""
 
     pictures: str
-    """All pictures as one image, `columns` beside each other, as a data URL."""
+    """Image of all pictures in rows, as a data URL."""
     columns: int
+    """Number of pictures in a row of the image."""
     width: int
-    """Width of a picture."""
+    """Width of a picture, in pixels."""
     height: int
+    """Height of a picture, in pixels."""
     times: tuple[float, ...]
     """Time of each picture since the drive's start, in s."""
     caption: str
 
 
 def road_data(road: Road) -> dict[str, Any]:
-    """Return a road as its curvatures, rounded so that its end moves by less than 5 cm.
+    """Return a road for the script, with curvatures rounded so that its end moves less than 5 cm.
 
-    ``turn`` is the angle in rad by which pictures turn it counter-clockwise, see `turn_of`. Of its
-    profiles it has those that are not 0 everywhere.
+    The data hold the angle of `turn_of`, and the profiles that are not 0 everywhere.
     """
     x, y, heading = road.pose
     profiles = {name: getattr(road, name).round(5).tolist() for name in profile.SHAPES}
@@ -143,13 +145,13 @@ def drive_data(
     segment: Segment,
     origin: Origin | None = None,
 ) -> dict[str, Any]:
-    """Return a test with its road and its drive, in SI units, a few kilobytes of JSON.
+    """Return a test with its road and its drive for the script, a few kilobytes in SI units.
 
     Args:
         id: id of the test.
         result: result of the drive.
-        segment: any segment of the drive.
-        origin: origin of the candidate.
+        segment: a segment of the drive; any will do.
+        origin: origin of the candidate; None if it is not shown.
     """
     drive, road, departure = segment.drive, segment.road, result.departure
     car = drive.car
@@ -166,23 +168,16 @@ def drive_data(
         "road": road_data(road),
         "car": [round(size, 3) for size in (car.length, car.width, car.centre_ahead)],
         "speed_limits": drive.rules.speed_limits_on(road).round(3).tolist(),
-        "departure": departure
-        and {
-            "side": departure.side,
-            **{name: round(getattr(departure, name), 3) for name in ("time", "distance", "x", "y")},
-        },
+        "departure": departure and {"side": departure.side, **_time_and_place(departure)},
         "breaches": [
             {
                 "words": breach_text([finding], drive.rules.criteria),
-                **{
-                    name: round(getattr(finding, name), 3)
-                    for name in ("time", "distance", "x", "y")
-                },
+                **_time_and_place(finding),
             }
             for finding in result.findings
             if finding.criterion not in (LANE, DRIVER)
         ],
-        "kept": _kept(result, segment),
+        "kept": _kept_criteria(result, segment),
         "columns": drive_columns(drive.trajectory, segment.assessment),
         "film": None,
         "road_file": None,
@@ -190,15 +185,22 @@ def drive_data(
     }
 
 
+def _time_and_place(finding: Finding) -> dict[str, float]:
+    """Return time and place of a finding, rounded."""
+    names = ("time", "distance", "x", "y")
+    return {name: round(getattr(finding, name), 3) for name in names}
+
+
 def _origin_text(origin: Origin) -> str:
+    """Return an origin in words: operator, parents, the operator's effect, generation."""
     parents = f" of {' and '.join(map(str, origin.parents))}" if origin.parents else ""
     description = OPERATOR_DESCRIPTIONS.get(origin.operator)
-    does = f": {description}" if description else ""
-    return f"{origin.operator}{parents}{does}; generation {origin.generation}"
+    effect = f": {description}" if description else ""
+    return f"{origin.operator}{parents}{effect}; generation {origin.generation}"
 
 
-def _kept(result: Result, segment: Segment) -> list[str]:
-    """Return the criteria that a drive kept, with the worst values, in words."""
+def _kept_criteria(result: Result, segment: Segment) -> list[str]:
+    """Return a text about each criterion that a drive kept, with the worst value."""
     if not result.outcome.is_driven:
         return []
     exceeded = {finding.criterion for finding in result.findings}
@@ -212,32 +214,40 @@ def _kept(result: Result, segment: Segment) -> list[str]:
 
 
 def files_of(test_id: int, store: CampaignStore) -> dict[str, Any]:
-    """Return a test's files in a campaign's folder: its road, and its minimised road's drive."""
+    """Return the entries of `drive_data` about a test's files in a campaign's folder.
+
+    ``road_file`` is the road's file, ``minimised`` the file and the drive of its minimised road.
+    """
     name = f"{file_stem(test_id)}.json"
     has_file = (store.folder / FAILURES / name).is_file()
     road_file = f"{FAILURES}/{name}" if has_file else None
     data: dict[str, Any] = {"road_file": road_file, "minimised": None}
-    for short in minimised_drives(store, [test_id]).values():
-        if (segment := segment_of_test(short)) is not None:
-            drive = drive_data(test_id, short.result, segment)
+    for minimised in minimised_drives(store, [test_id]).values():  # at most one
+        if (segment := segment_of_test(minimised)) is not None:
+            drive = drive_data(test_id, minimised.result, segment)
             data["minimised"] = {"drive": drive, "file": f"{MINIMISED}/{name}"}
     return data
 
 
-def drive_columns(path: Trajectory, assessment: Assessment) -> list[list[int]]:
-    """Return `COLUMNS` of a drive in multiples of their resolution, as second differences."""
+def drive_columns(trajectory: Trajectory, assessment: Assessment) -> list[list[int]]:
+    """Return the `COLUMNS` of a drive as small whole numbers.
+
+    A value is a multiple of its column's resolution; a column holds the second differences of these
+    multiples, which have few digits.
+    """
     n = len(assessment.distance)
-    taken = _taken(path.time[:n], int(np.argmin(assessment.oob_distance)))
+    shown = _shown_records(trajectory.time[:n], int(np.argmin(assessment.oob_distance)))
     columns = []
     for name, resolution in COLUMNS.items():
-        values: FloatArray = getattr(path if hasattr(path, name) else assessment, name)
-        whole = np.rint(values[:n][taken] / resolution).astype(np.int64)
-        columns.append(np.diff(whole, n=2, prepend=[0, 0]).tolist())
+        source = trajectory if hasattr(trajectory, name) else assessment
+        values: FloatArray = getattr(source, name)
+        multiples = np.rint(values[:n][shown] / resolution).astype(np.int64)
+        columns.append(np.diff(multiples, n=2, prepend=[0, 0]).tolist())
     return columns
 
 
-def _taken(time: FloatArray, worst: int) -> np.ndarray:
-    """Return indices of records, (k,): at `RATE`, at the least oob distance, and the last."""
+def _shown_records(time: FloatArray, worst: int) -> np.ndarray:
+    """Return indices of the records in the page, (k,): at `RATE`, the worst and the last one."""
     interval = max(1.0 / RATE, float(time[-1] - time[0]) / MOST_RECORDS)
     ticks = np.floor((time - time[0]) / interval + 1e-6)
     first = np.flatnonzero(np.diff(ticks, prepend=-1.0))
@@ -245,4 +255,5 @@ def _taken(time: FloatArray, worst: int) -> np.ndarray:
 
 
 def _rounded(value: float | None, digits: int) -> float | None:
+    """Return a rounded number; None for None."""
     return None if value is None else round(value, digits)

@@ -1,1 +1,1 @@
-"""Files that `frenetic init` writes for its user to edit."""
+"""Templates of the files that `frenetic init` writes."""

@@ -1,30 +1,30 @@
 """A driver for Frenetic, ready to edit.
 
-It slows down for the sharpest bend that it sees and steers for a point ahead of the car.
+The driver slows down for the sharpest bend in sight and steers for a point ahead of the car.
 """
 
 import math
 
 from frenetic import Controls, DriveSetup, Observation
 
-LATERAL_ACCELERATION = 6.0  # m/s^2 that it allows itself in bends
+LATERAL_ACCELERATION = 6.0  # m/s^2, the most in bends
 TOP_SPEED = 60 / 3.6  # m/s
 
 
 class MyDriver:
-    """Keeps to the middle of its lane. An argument is an option: FILE:MyDriver,sight=30."""
+    """Keeps to the middle of the lane. Arguments are options: --driver FILE:MyDriver,sight=30."""
 
     def __init__(self, sight: float = 20.0) -> None:
-        """Take ``sight``, the m of road for which the speed is chosen."""
+        """Store ``sight``, the length of road ahead, in m, for which the speed is chosen."""
         self.sight = sight
         self.wheelbase = 0.0
 
     def reset(self, setup: DriveSetup) -> None:
-        """Before each drive. Forget the last one here: the same road has to give the same drive."""
+        """Begin a drive. Forget the last drive here: the same road has to give the same drive."""
         self.wheelbase = setup.wheelbase
 
     def act(self, observation: Observation) -> Controls:
-        """Every 0.05 s: see `frenetic.Observation` for what it knows."""
+        """Return the controls for the next 0.05 s; see `frenetic.Observation` for what it knows."""
         bends = observation.curvature_ahead[: int(self.sight / 2) + 1]  # one value every 2 m
         sharpest = max(float(abs(bends).max()), 1e-3)  # 1/m
         wanted = min(TOP_SPEED, math.sqrt(LATERAL_ACCELERATION / sharpest))

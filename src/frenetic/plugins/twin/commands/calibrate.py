@@ -10,7 +10,7 @@ import click
 from frenetic._support.words import counted, signed
 from frenetic.cli import echo
 from frenetic.cli.console import Log, counted_progress, print_table, shell
-from frenetic.cli.entries import names_of, was_given
+from frenetic.cli.entries import complete_names, was_given
 from frenetic.cli.options import as_usage_error, file_option, json_option
 
 if TYPE_CHECKING:
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 @click.option(
     "--driver",
     metavar="DRIVER",
-    shell_complete=names_of("driver"),
+    shell_complete=complete_names("driver"),
     help="The twin's driver with its options: planner,aggression=1.2 ('frenetic list drivers').",
 )
 @click.option(
@@ -63,8 +63,10 @@ def calibrate(
     # Imported here: they take too long for --help.
     from msgspec import structs
 
-    from frenetic.plugins.twin.calibration import CalibrationFile, answer, read_recordings
+    from frenetic.plugins.twin.calibration import CalibrationFile
     from frenetic.plugins.twin.calibration import calibrate as calibrate_twin
+    from frenetic.plugins.twin.recordings import read_recordings
+    from frenetic.plugins.twin.verdict import answer
     from frenetic.spec import read_entries
 
     entries = CalibrationFile(recordings=recordings)
