@@ -109,9 +109,10 @@ class Candidate:
         Raises:
             RoadError: Curvatures or profiles make no road.
         """
-        from frenetic.road import profile  # a strategy's records need no compiled code
-        from frenetic.road.road import Road
-        from frenetic.road.road_values import START
+        # A strategy's records need no compiled code.
+        from frenetic.road import profile  # compiled
+        from frenetic.road.road import Road  # compiled
+        from frenetic.road.road_values import START  # compiled
 
         profiles: dict[str, FloatArray] = {}
         if road_class is not None:
