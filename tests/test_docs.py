@@ -92,13 +92,19 @@ def run_page(
 def as_shown(printed: str, shown: str) -> str:
     """Return the part of an output that a page shows.
 
-    A line ``...`` stands for any number of lines, "..." at a line's end for its rest.
+    A line ``...`` stands for any number of lines, "..." at a line's end for its rest. The line
+    after ``...`` says where the output is shown again.
     """
     lines = [line.rstrip() for line in printed.rstrip().splitlines()]
     pattern = shown.splitlines()
     if "..." in pattern:
         first = pattern.index("...")
-        lines[first : len(lines) - (len(pattern) - first - 1)] = ["..."]
+        rest = pattern[first + 1 :]
+        last = len(lines) - len(rest)
+        start = rest[0].removesuffix("...") if rest else ""
+        again = [i for i in range(first, len(lines)) if start and lines[i].startswith(start)]
+        end = min(again, key=lambda i: abs(i - last), default=last)
+        lines[first:end] = ["..."]
     return "".join(
         f"{line[: len(old) - 3]}...\n" if old.endswith("...") and old != line else f"{line}\n"
         for line, old in zip(lines, chain(pattern, repeat("")), strict=False)

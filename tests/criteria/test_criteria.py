@@ -358,7 +358,7 @@ def test_leaving_the_lane_is_the_main_finding() -> None:
 
 
 def test_a_drive_shorter_than_the_window_has_no_mean() -> None:
-    road = Road(np.zeros(3))
+    road = Road(np.zeros(5))  # 4 s, longer than the usual window of each signal
     drive = along(road, 10.0)
     assert measure_criteria(road, drive, [Criterion("lateral_jerk", 5.0, 60.0)]) == []
     names = [row["signal"] for row in measures_json(road, drive)]

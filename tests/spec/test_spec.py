@@ -30,7 +30,8 @@ from frenetic.road import MAP_MARGIN, MAP_SIZE
 from frenetic.road.classes import RoadClass
 from frenetic.search import RandomSearch
 from frenetic.simulators import EmbeddedSimulator, Rules
-from frenetic.spec import DRIVEN, FILE, Budget, Spec
+from frenetic.spec import DRIVEN, DRIVING_ENTRIES, FILE, Budget, Spec
+from frenetic.spec.run_settings import TERMS_ENTRIES
 from frenetic.spec.terms import Terms
 
 SOURCE = "c/campaign.sqlite"
@@ -259,11 +260,8 @@ def test_rules_that_are_not_set_come_from_the_caller() -> None:
 def test_driving_spec_and_the_other_entries_make_the_spec(spec: Spec, has_roads: bool) -> None:
     driving = spec.driving_spec(has_roads=has_roads)
     others = spec.without_driving(has_roads=has_roads)
-    assert driving.user_values.keys() <= {
-        *("driver", "simulator", "conditions", "speed_limit", "oob_tolerance", "criteria"),
-        "wall_limit",
-        *(() if has_roads else ("roads", "map_size", "map_margin", "lane_width")),
-    }
+    names = DRIVING_ENTRIES if has_roads else (*DRIVING_ENTRIES, "roads", *TERMS_ENTRIES)
+    assert driving.user_values.keys() <= {*names}
     both = {**driving.entries(), **others.entries()}
     without_roads = {name: both[name] for name in both if name != "roads"}
     assert without_roads == {n: v for n, v in spec.entries().items() if n != "roads"}

@@ -29,7 +29,7 @@ from frenetic._support.arrays import FloatArray
 from frenetic.analysis.bends import bend_of_place, bends_of
 from frenetic.analysis.segments import Segment, segment_of
 from frenetic.criteria.criterion import DRIVER, EDGE_DISTANCE, LANE, signal_named
-from frenetic.oracle.assessment import TIMED_OUT
+from frenetic.oracle.assessment import RUNNING, STUCK, TIMED_OUT
 from frenetic.oracle.drive import Drive
 from frenetic.oracle.outcome import Outcome
 from frenetic.oracle.verdict import Side, judge
@@ -79,6 +79,14 @@ class Kind(StrEnum):
     EXCEEDS = "exceeds the limit of {}"
 
 
+_KINDS_OF_ENDS: Final = {
+    STUCK: Kind.STANDS,
+    TIMED_OUT: Kind.SLOW,
+    RUNNING: Kind.STANDS,  # a fault of the driver ended the drive, which names the cause itself
+}
+"""How a drive ended whose car stayed in its lane -> kind of the failure's cause."""
+
+
 class Cause(NamedTuple):
     """Mistake of a driver, and the side of the bends in which it happens."""
 
@@ -123,8 +131,7 @@ def cause_of(segment: Segment) -> Cause:
     if segment.criterion not in (None, LANE, DRIVER, EDGE_DISTANCE):
         return Cause(Kind.EXCEEDS, _side_of_bend(segment), segment.criterion)
     if segment.side is None:
-        is_slow = segment.assessment.end == TIMED_OUT
-        return Cause(Kind.SLOW if is_slow else Kind.STANDS)
+        return Cause(_KINDS_OF_ENDS[segment.assessment.end])
     if len(segment.assessment.distance) < _MIN_RECORDS:
         return Cause(Kind.ASTRAY)
     return _cause_of_departure(segment, _gains_of(segment))

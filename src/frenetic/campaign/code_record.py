@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, fields
+from dataclasses import MISSING, dataclass, fields
 from pathlib import Path
 from typing import Final
 
@@ -30,6 +30,11 @@ _FIXED_ENTRIES: Final = (
     "objective",
 )
 """Names of the entries of the configuration that must be the same when a campaign is resumed."""
+_DEFAULTS: Final = {
+    **{item.name: item.default for item in fields(DriveSetting) if item.default is not MISSING},
+    "objective": MOOBD,
+}
+"""Values of entries that a campaign does not record, since it is older than the entry."""
 
 
 @dataclass(frozen=True)
@@ -110,7 +115,7 @@ class CodeRecord:
         """
         present = json.loads(json.dumps(configuration, default=plain))
         for name in _FIXED_ENTRIES:
-            recorded = store.config.get(name, MOOBD if name == "objective" else None)
+            recorded = store.config.get(name, _DEFAULTS.get(name))
             if present[name] != recorded:
                 raise CampaignError(
                     f"{store.folder} was made with another {name.replace('_', ' ')}:"
