@@ -475,7 +475,7 @@ def test_options_are_checked_before_anything_is_written(
 @pytest.mark.parametrize(
     ("limits", "message"),
     [
-        ({}, "the budget limits nothing: simulations, time or failures has to be given"),
+        ({}, "the budget limits nothing: give simulations, time or failures"),
         ({"simulations": 0}, f"simulations is 0: {COUNT} is needed"),
         ({"failures": -1}, f"failures is -1: {COUNT} is needed"),
         ({"time": -1.0}, "time is -1.0: a positive number of seconds is needed"),

@@ -130,7 +130,6 @@ class Campaign(NotebookRepr):
         spec: Spec | None = None,
     ) -> None:
         workers = checked_workers(workers)
-        drive_limit = checked_drive_limit(drive_limit, simulator)
         require_strategy(strategy, workers)
         start_from = require_list("start_from", start_from)
         if start_from or from_roads is not None:
@@ -152,11 +151,10 @@ class Campaign(NotebookRepr):
         """Number of roads driven at once, or address of a Dask scheduler."""
         self.isolate = isolate
         self._is_default_in_flight = max_in_flight is None
-        if max_in_flight is None:
-            max_in_flight = default_max_in_flight(workers)
-        self.max_in_flight: int | None = require_count("max_in_flight", max_in_flight)
+        most = default_max_in_flight(workers) if max_in_flight is None else max_in_flight
+        self.max_in_flight: int | None = require_count("max_in_flight", most)
         """Most candidates outstanding at once; None for as many as the workers have room for."""
-        self.drive_limit = drive_limit
+        self.drive_limit = checked_drive_limit(drive_limit, simulator)
         self.folder = new_folder() if folder is None else Path(folder)
         self.seed: int | None = (options_of(strategy) or {}).get("seed")
         self.started = False
