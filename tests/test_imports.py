@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 import ast
+import re
 from collections.abc import Iterator
 from importlib import import_module
+from importlib.metadata import entry_points
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 import frenetic
+from frenetic.parts.registry import OBJECTIVES
 
 ROOT = Path(frenetic.__file__).parent
 
@@ -87,3 +91,31 @@ def test_the_packages_with_slow_imports_import_names_on_use() -> None:
 def test_an_unknown_name_of_a_package_is_an_attribute_error() -> None:
     with pytest.raises(AttributeError, match="module 'frenetic' has no attribute 'Plan'"):
         _ = frenetic.Plan
+
+
+def leads_somewhere(reference: str) -> bool:
+    """Return whether a name such as ``frenetic.search.Frenetic.ask`` is there."""
+    parts = reference.split(".")
+    for count in range(len(parts), 0, -1):
+        try:
+            target: Any = import_module(".".join(parts[:count]))
+        except ModuleNotFoundError as error:
+            if not str(error.name).startswith("frenetic"):
+                return True  # it needs a package that is not installed
+            continue
+        for name in parts[count:]:
+            target = getattr(target, name, None)
+        return target is not None
+    return False
+
+
+def test_names_in_docstrings_lead_somewhere() -> None:
+    named = {
+        (str(path.relative_to(ROOT)), reference)
+        for path in ROOT.rglob("*.py")
+        for reference in re.findall(r"`(frenetic(?:\.\w+)+)`", path.read_text(encoding="utf-8"))
+    }
+    assert len(named) > 100
+    groups = {*entry_points().groups, OBJECTIVES.group}
+    names = [name for name in sorted(named) if name[1] not in groups]
+    assert [name for name in names if not leads_somewhere(name[1])] == []

@@ -45,7 +45,7 @@ def describe(part: object, construction: Construction | None = None) -> dict[str
     Args:
         part: a strategy, driver or simulator.
         construction: the call that made the part. Without it the arguments of your own part are
-            read from its attributes (`frenetic.parts.registry.arguments_of`).
+            read from its attributes (`frenetic.parts.construction.arguments_of`).
     """
     from frenetic.drivers.camera import Camera  # imports numpy
     from frenetic.drivers.stack import inner_driver  # imports numpy

@@ -47,9 +47,10 @@ class Network:
     Args:
         model: path of the file.
         preset: name of one of `frenetic.plugins.vision.neural.PRESETS`.
-        inputs, layout, colour, mean, std, crop, camera, frames, speed_scale, states, outputs,
-            steering, steering_sign, max_speed: as in a `Convention`; None leaves the value of the
-            metadata or the preset.
+        inputs, layout, colour, mean, std, crop, camera: as in a `Convention`; None leaves the value
+            of the metadata or the preset.
+        frames, speed_scale, states, outputs: as in a `Convention`, or None.
+        steering, steering_sign, max_speed: as in a `Convention`, or None.
 
     Raises:
         FreneticError: onnxruntime is not installed.
