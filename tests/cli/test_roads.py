@@ -13,7 +13,7 @@ import pytest
 from frenetic.campaign import CampaignStore
 from frenetic.road import Road
 from frenetic.road.classes import RoadClass
-from frenetic.spec import FILE, Spec
+from frenetic.spec import SPEC_FILE, Spec
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -48,7 +48,7 @@ def test_all_roads_of_a_search_keep_the_rules_of_their_class(slippery_campaign: 
     for test in tests:
         assert road_class.breach(test.road) == ""
         assert test.road.grade.any()
-    assert Spec.read(slippery_campaign / FILE).road_class == road_class
+    assert Spec.read(slippery_campaign / SPEC_FILE).road_class == road_class
 
 
 def test_metres_inside_the_lane_are_shown_with_half_the_lane_width(frenetic: Frenetic) -> None:
@@ -107,11 +107,13 @@ def test_show_names_the_class_and_the_grade_and_superelevation_of_a_road(
 def test_a_campaigns_file_repeats_its_search_and_resume_goes_on(
     frenetic: Frenetic, slippery_campaign: Path
 ) -> None:
-    assert frenetic("run", str(slippery_campaign / FILE), "--out", "again", "--json").code == 0
-    first, repeated = ((folder / FILE).read_text() for folder in (slippery_campaign, Path("again")))
+    assert frenetic("run", str(slippery_campaign / SPEC_FILE), "--out", "again", "--json").code == 0
+    first, repeated = (
+        (folder / SPEC_FILE).read_text() for folder in (slippery_campaign, Path("again"))
+    )
     assert first == repeated
     assert frenetic("resume", "again", "--simulations", "3", "--json").json["simulations"] == 15
-    assert "roads" not in Path("again", FILE).read_text().replace("[roads", "")
+    assert "roads" not in Path("again", SPEC_FILE).read_text().replace("[roads", "")
 
 
 def test_options_win_over_the_class(frenetic: Frenetic) -> None:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import pytest
 
 from frenetic.campaign import CampaignStore
-from frenetic.spec import FILE, Budget, Spec
+from frenetic.spec import SPEC_FILE, Budget, Spec
 
 if TYPE_CHECKING:
     from command_line import Frenetic
@@ -54,9 +54,9 @@ def test_a_campaigns_own_file_runs_the_same_campaign(
     frenetic: Frenetic, options: tuple[str, ...]
 ) -> None:
     assert frenetic("run", "--simulations", "12", *options, *OPTIONS, "--out", "first").code == 0
-    assert frenetic("run", f"first/{FILE}", "--out", "again", "--json").code == 0
+    assert frenetic("run", f"first/{SPEC_FILE}", "--out", "again", "--json").code == 0
     assert results_of("again") == results_of("first")
-    first, repeated = (Path(folder, FILE).read_text() for folder in ("first", "again"))
+    first, repeated = (Path(folder, SPEC_FILE).read_text() for folder in ("first", "again"))
     assert first == repeated
 
 
@@ -64,7 +64,7 @@ def test_a_campaigns_file_holds_the_options_the_parts_and_the_seed(
     frenetic: Frenetic,
 ) -> None:
     frenetic("run", "--simulations", "1", "--with", "delay=0.1", *OPTIONS, "--out", "c")
-    entries = tomllib.loads(Path("c", FILE).read_text())
+    entries = tomllib.loads(Path("c", SPEC_FILE).read_text())
     parts = {"strategy": "frenetic", "driver": "planner", "simulator": "embedded"}
     options = {"simulations": 1, "workers": 1, "with": {"delay": 0.1}}
     assert entries.keys() == {*parts, *options, "seed", "max_in_flight"}
@@ -77,11 +77,11 @@ def test_the_file_of_a_search_that_starts_from_campaigns_repeats_it(frenetic: Fr
         frenetic("run", "--simulations", "20", "--seed", seed, *OPTIONS, "--out", name)
     start = ("--from", "one", "--from", "two")
     frenetic("run", "--simulations", "8", "--seed", "5", *start, *OPTIONS, "--out", "first")
-    assert Spec.read(Path("first", FILE)).start_from == ("one", "two")
-    assert frenetic("run", f"first/{FILE}", "--out", "again", "--json").code == 0
+    assert Spec.read(Path("first", SPEC_FILE)).start_from == ("one", "two")
+    assert frenetic("run", f"first/{SPEC_FILE}", "--out", "again", "--json").code == 0
     assert results_of("again") == results_of("first")
     frenetic("resume", "first", "--simulations", "4", *OPTIONS)
-    assert "simulations = 12\n" in Path("first", FILE).read_text()
+    assert "simulations = 12\n" in Path("first", SPEC_FILE).read_text()
 
 
 def test_options_win_over_the_file(frenetic: Frenetic) -> None:
@@ -93,7 +93,7 @@ def test_options_win_over_the_file(frenetic: Frenetic) -> None:
     amounts = ("--with", "noise=0.1", "--with", "view=inf")
     answer = frenetic("run", "run.toml", *options, *amounts, "--out", "c", "--json")
     assert answer.json["simulations"] == 2
-    written = Spec.read(Path("c", FILE))
+    written = Spec.read(Path("c", SPEC_FILE))
     assert written.driver == "stanley,aggression=1.1,smoothing=0.5"
     assert written.conditions == {"delay": 0.1, "noise": 0.1}
     assert written.budget == Budget(simulations=2, time=3600.0, failures=50)
@@ -134,7 +134,7 @@ def test_as_replaces_parts_and_rules_of_the_first_file_and_options_win(frenetic:
     )
     options = ("--as", "how.toml", "--driver", "smoothing=0.5", "--with", "view=30")
     assert frenetic("run", "run.toml", *options, "--out", "c").code == 0
-    written = Spec.read(Path("c", FILE))
+    written = Spec.read(Path("c", SPEC_FILE))
     assert written.driver == "stanley,smoothing=0.5"
     assert written.conditions == {"noise": 0.1, "view": 30.0}
     assert (written.speed_limit, written.roads, written.map_size) == (None, None, 250.0)

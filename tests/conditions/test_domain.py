@@ -17,7 +17,7 @@ from frenetic.conditions.domain import Distribution, Domain
 from frenetic.errors import FreneticError
 from frenetic.search import Frenetic, RandomSearch
 from frenetic.search.conditions import moved_along
-from frenetic.spec import FILE, Spec
+from frenetic.spec import SPEC_FILE, Spec
 
 TEXT = """
 about = "Town roads in all weather"
@@ -148,7 +148,7 @@ def test_a_resumed_campaign_in_a_domain_equals_an_uninterrupted_one(
         assert [test.outcome for test in tests] == [test.outcome for test in resumed_tests]
         assert all(test.candidate.conditions for test in tests if test.outcome.is_driven)
         assert a.setting.domain == domain
-    written = Spec.read(tmp_path / "whole" / FILE)
+    written = Spec.read(tmp_path / "whole" / SPEC_FILE)
     assert written.domain == domain
     assert written.road_class == domain.road_class
 

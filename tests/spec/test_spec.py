@@ -30,7 +30,7 @@ from frenetic.road import MAP_MARGIN, MAP_SIZE
 from frenetic.road.classes import RoadClass
 from frenetic.search import RandomSearch
 from frenetic.simulators import EmbeddedSimulator, Rules
-from frenetic.spec import DRIVEN, DRIVING_ENTRIES, FILE, Budget, Spec
+from frenetic.spec import DRIVEN, DRIVING_ENTRIES, SPEC_FILE, Budget, Spec
 from frenetic.spec.run_settings import TERMS_ENTRIES
 from frenetic.spec.terms import Terms
 
@@ -46,7 +46,7 @@ TOWN = {"roads": "urban-50", "conditions": {"gust": {"low": 0, "high": 18}}}
 def test_a_campaigns_file_gives_the_written_spec(spec: Spec) -> None:
     with TemporaryDirectory() as folder:
         spec.write(Path(folder))
-        assert Spec.read(Path(folder, FILE)) == spec
+        assert Spec.read(Path(folder, SPEC_FILE)) == spec
 
 
 @cache
@@ -310,7 +310,7 @@ def test_a_spec_makes_the_parts_that_it_names(tmp_path: Path) -> None:
     with CampaignStore.open(tmp_path / "c") as store:
         assert recorded_spec(store.config, source=SOURCE) == campaign.spec
         assert dict(store.setting.conditions) == {"view": 20.0, "noise": 0.1}
-    assert Spec.read(tmp_path / "c" / FILE) == campaign.spec
+    assert Spec.read(tmp_path / "c" / SPEC_FILE) == campaign.spec
 
 
 def test_a_campaign_of_objects_records_roads_and_conditions_only(tmp_path: Path) -> None:
@@ -328,7 +328,7 @@ def test_a_campaign_of_objects_records_roads_and_conditions_only(tmp_path: Path)
     )
     assert campaign.spec is None
     campaign.run()
-    assert not (tmp_path / "c" / FILE).exists()
+    assert not (tmp_path / "c" / SPEC_FILE).exists()
     with CampaignStore.open(tmp_path / "c") as store:
         spec = recorded_spec(store.config, source=SOURCE)
         assert driving_spec(store.config, source=SOURCE) is None

@@ -11,7 +11,7 @@ from frenetic.campaign.stored_spec import is_client_driven
 from frenetic.oracle.verdict import is_drivers
 from frenetic.parts.named_code import REGISTRIES
 from frenetic.parts.trust import is_here
-from frenetic.spec import FILE, Spec
+from frenetic.spec import SPEC_FILE, Spec
 from frenetic.spec.parts import PARTS
 
 
@@ -42,7 +42,7 @@ def next_campaign(spec: Spec, folder: Path, *, has_drives: bool, names_parts: bo
             campaign's file is no longer signed. Leave them out if the current folder is not the
             folder of the parts: there the names would mean other parts.
     """
-    words = ["frenetic", "run", str(folder / FILE)]
+    words = ["frenetic", "run", str(folder / SPEC_FILE)]
     words += ["--from", str(folder)] if has_drives else []
     for kind in PARTS if names_parts else ():
         part = spec.part(kind)

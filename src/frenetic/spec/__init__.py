@@ -23,16 +23,16 @@ from frenetic.spec.parts import USUAL, Part, simulator_defaults
 from frenetic.spec.run_code import RunCode
 from frenetic.spec.run_entries import RunEntries, Signed
 from frenetic.spec.run_settings import RunSettings
-from frenetic.spec.spec import DRIVING_ENTRIES, FILE, Spec
+from frenetic.spec.spec import DRIVING_ENTRIES, SPEC_FILE, Spec
 from frenetic.spec.values import COMPETITION, MAX_WORKERS, read_workers
 
 __all__ = [
     "COMPETITION",
     "DRIVEN",
     "DRIVING_ENTRIES",
-    "FILE",
     "MAX_WORKERS",
     "SIGNED",
+    "SPEC_FILE",
     "USUAL",
     "Budget",
     "Part",

@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from frenetic.simulators.simulator import Simulator
     from frenetic.spec.terms import Terms
 
-FILE: Final = "campaign.toml"
+SPEC_FILE: Final = "campaign.toml"
 """Name of the file in a campaign's folder with the entries of its spec."""
 DRIVING_ENTRIES: Final = (
     "driver",
@@ -84,7 +84,7 @@ class Spec(RunCode, frozen=True, kw_only=True):
         Raises:
             FreneticError: the file does not exist, or an entry is wrong; the message names it.
         """
-        if (inside := Path(path) / FILE).is_file():
+        if (inside := Path(path) / SPEC_FILE).is_file():
             raise FreneticError(f"{path} is a campaign's folder: its file is {inside}")
         return read_entries(Path(path), cls, "a run")
 
@@ -140,8 +140,8 @@ class Spec(RunCode, frozen=True, kw_only=True):
         Raises:
             FreneticError: the file cannot be written.
         """
-        about = f"What ran in this folder; 'frenetic run {FILE}' does it again in another."
-        write_entries(self.entries(), folder / FILE, about)
+        about = f"What ran in this folder; 'frenetic run {SPEC_FILE}' does it again in another."
+        write_entries(self.entries(), folder / SPEC_FILE, about)
 
     # Specs with some of the entries, or with others
 

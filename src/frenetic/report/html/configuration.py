@@ -13,7 +13,7 @@ from frenetic._support.json_value import JSONValue, plain
 from frenetic._support.words import capitalised
 from frenetic.campaign.configuration import OWNER, SPEC
 from frenetic.report.html.page import Facts, Paragraph, Section, command
-from frenetic.spec import FILE
+from frenetic.spec import SPEC_FILE
 
 
 def configuration_section(
@@ -30,7 +30,9 @@ def configuration_section(
     groups = {name: value for name, value in entries.items() if isinstance(value, Mapping)}
     others = {name: value for name, value in entries.items() if name not in groups}
     repeatability = Paragraph(_repeatability(entries))
-    repeating = command(f"frenetic run {shell_path(folder / FILE)}", "Repeats it, in a new folder:")
+    repeating = command(
+        f"frenetic run {shell_path(folder / SPEC_FILE)}", "Repeats it, in a new folder:"
+    )
     is_named = isinstance(config.get(SPEC), Mapping) and config.get(OWNER) is None
     return Section(
         "configuration",
