@@ -257,10 +257,12 @@ def test_rules_that_are_not_set_come_from_the_caller() -> None:
 
 
 @given(specs, st.booleans())
-def test_driving_spec_and_the_other_entries_make_the_spec(spec: Spec, has_roads: bool) -> None:
-    driving = spec.driving_spec(has_roads=has_roads)
-    others = spec.without_driving(has_roads=has_roads)
-    names = DRIVING_ENTRIES if has_roads else (*DRIVING_ENTRIES, "roads", *TERMS_ENTRIES)
+def test_driving_spec_and_the_other_entries_make_the_spec(
+    spec: Spec, roads_are_given: bool
+) -> None:
+    driving = spec.driving_spec(roads_are_given=roads_are_given)
+    others = spec.without_driving(roads_are_given=roads_are_given)
+    names = DRIVING_ENTRIES if roads_are_given else (*DRIVING_ENTRIES, "roads", *TERMS_ENTRIES)
     assert driving.user_values.keys() <= {*names}
     both = {**driving.entries(), **others.entries()}
     without_roads = {name: both[name] for name in both if name != "roads"}
@@ -271,7 +273,7 @@ def test_driving_spec_and_the_other_entries_make_the_spec(spec: Spec, has_roads:
 def test_a_driving_spec_has_the_class_of_the_roads() -> None:
     assert Spec(odd=TOWN).driving_spec().entries() == {"roads": "urban-50"}
     assert Spec(roads="competition").driving_spec().entries() == {"roads": "competition"}
-    assert Spec(odd=TOWN).driving_spec(has_roads=True) == Spec().driving_spec() == Spec()
+    assert Spec(odd=TOWN).driving_spec(roads_are_given=True) == Spec().driving_spec() == Spec()
 
 
 def test_conditions_of_a_drive_win_over_those_of_the_spec() -> None:

@@ -90,20 +90,21 @@ class CommandOptions:
         parts = {kind: part for kind, part in self.spec.parts.items() if kind in kinds}
         return {**parts, **self.others}
 
-    def over(self, spec: Spec, *, has_roads: bool = True) -> Spec:
+    def over(self, spec: Spec, *, roads_are_given: bool = True) -> Spec:
         """Return a spec with the driving entries of the file of ``--as``, and the options over it.
 
         Args:
             spec: the spec of a file or campaign, or an empty one.
-            has_roads: whether the roads exist, with a map and a lane width of their own.
+            roads_are_given: whether the roads are read from a campaign or a file, see
+                `Spec.driving_spec`.
 
         Raises:
             FreneticError: the file cannot be read, or an option is out of range.
         """
         if (source := self._as_source) is not None:
             spec = Spec.of(
-                spec.without_driving(has_roads=has_roads),
-                source.spec.driving_spec(has_roads=has_roads),
+                spec.without_driving(roads_are_given=roads_are_given),
+                source.spec.driving_spec(roads_are_given=roads_are_given),
             )
         return Spec.of(spec, self.spec)
 

@@ -178,7 +178,7 @@ def plan_for_map(
     from frenetic.search.continuations import MIN_REST_TIME
     from frenetic.simulators.conditions import rules_in
 
-    spec, code_folder = options.trusted(options.over(Spec(), has_roads=False))
+    spec, code_folder = options.trusted(options.over(Spec(), roads_are_given=False))
     road_map, stretches = read_stretches(path, map_roads, lane=lane)
 
     def target_on(stretch: Stretch) -> RoadToDrive:

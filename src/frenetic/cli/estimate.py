@@ -130,7 +130,7 @@ def _tester_of_domain(options: CommandOptions) -> RoadTester:
     """Return the tester that drives in the domain of ``--odd FILE``."""
     from frenetic.campaign.tester import RoadTester
 
-    spec, code_folder = options.trusted(options.over(Spec(), has_roads=False))
+    spec, code_folder = options.trusted(options.over(Spec(), roads_are_given=False))
     options.check_drawn(spec)
     with as_usage_error(), chdir(code_folder):
         return RoadTester.of(spec)

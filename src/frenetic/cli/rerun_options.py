@@ -100,7 +100,7 @@ def file_spec(
         recorded = Spec.of_driven(file.entries[DRIVEN], source=file.path)
         source = PartsSource(file.path, recorded, sign=partial(sign_driven, file.path))
         spec = without_place(recorded)  # no file decides which program is started
-    spec = options.over(spec, has_roads=has_driven)
+    spec = options.over(spec, roads_are_given=has_driven)
     return options.trusted(spec, source) if needs_trust else (spec, Path.cwd())
 
 

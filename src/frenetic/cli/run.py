@@ -54,7 +54,7 @@ def run(
     file_spec = Spec() if file is None else Spec.read(file)
     source = None if file is None else PartsSource(file, file_spec)
     spec, code_folder = options.trusted(
-        options.over(file_spec, has_roads=False), source, left_out=()
+        options.over(file_spec, roads_are_given=False), source, left_out=()
     )
     options.check_drawn(spec)
     if not is_here(code_folder):

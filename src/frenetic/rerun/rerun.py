@@ -58,7 +58,7 @@ def recorded_rules(store: CampaignStore, spec: Spec) -> Rules | None:
     """
     if store.config.get(SPEC) is not None:
         return None
-    return spec.driving_spec(has_roads=True).rules_over(store.setting.rules)
+    return spec.driving_spec(roads_are_given=True).rules_over(store.setting.rules)
 
 
 def campaign_tester(store: CampaignStore, spec: Spec) -> RoadTester:

@@ -152,21 +152,27 @@ class Spec(RunCode, frozen=True, kw_only=True):
         values |= {"roads": roads_entry(terms.road_class), "conditions": dict(terms.conditions)}
         return cls(**values, odd=None if terms.domain is None else terms.domain.entries())
 
-    def driving_spec(self, *, has_roads: bool = False) -> Spec:
+    def driving_spec(self, *, roads_are_given: bool = False) -> Spec:
         """Return a spec with only the entries about how roads are driven.
 
         Args:
-            has_roads: whether the roads exist, with a map and a lane width of their own.
+            roads_are_given: whether the roads exist, with a map and a lane width of their own.
         """
-        values = {name: getattr(self, name) for name in _driving_entries(has_roads=has_roads)}
-        if not has_roads and self.names_roads:
+        values = {
+            name: getattr(self, name)
+            for name in _entries_of_driving_spec(roads_are_given=roads_are_given)
+        }
+        if not roads_are_given and self.names_roads:
             values["roads"] = roads_entry(self.road_class)
         return Spec(**values)
 
-    def without_driving(self, *, has_roads: bool = False) -> Spec:
+    def without_driving(self, *, roads_are_given: bool = False) -> Spec:
         """Return the spec without the entries of its `driving_spec`."""
         empty = Spec()
-        values = {name: getattr(empty, name) for name in _driving_entries(has_roads=has_roads)}
+        values = {
+            name: getattr(empty, name)
+            for name in _entries_of_driving_spec(roads_are_given=roads_are_given)
+        }
         return structs.replace(self, **values)
 
     def in_conditions(self, conditions: Mapping[str, float]) -> Spec:
@@ -249,6 +255,6 @@ class Spec(RunCode, frozen=True, kw_only=True):
         }
 
 
-def _driving_entries(*, has_roads: bool) -> tuple[str, ...]:
+def _entries_of_driving_spec(*, roads_are_given: bool) -> tuple[str, ...]:
     """Return the entries about how roads are driven, and about the roads unless they exist."""
-    return DRIVING_ENTRIES if has_roads else (*DRIVING_ENTRIES, "roads", *TERMS_ENTRIES)
+    return DRIVING_ENTRIES if roads_are_given else (*DRIVING_ENTRIES, "roads", *TERMS_ENTRIES)

@@ -99,9 +99,9 @@ def test_options_override_the_profile(tmp_path: Path) -> None:
     TWIN.write(tmp_path / "twin.json")
     campaign = Spec(conditions={"noise": 0.2}, map_size=300.0, lane_width=5.0)
 
-    def over(has_roads: bool = True, **entries: Any) -> Spec:
+    def over(roads_are_given: bool = True, **entries: Any) -> Spec:
         options = CommandOptions(Spec(**entries), tmp_path / "twin.json")
-        return options.over(campaign, has_roads=has_roads)
+        return options.over(campaign, roads_are_given=roads_are_given)
 
     spec = over(driver="braking=3.0", speed_limit=60.0)
     assert spec.driver == "stanley,aggression=1.2,braking=3.0"
@@ -109,7 +109,7 @@ def test_options_override_the_profile(tmp_path: Path) -> None:
     assert (spec.rules.speed_limit, spec.rules.oob_tolerance) == (60.0, 0.85)
     # The roads are the campaign's.
     assert (spec.map_size, spec.lane_width) == (300.0, 5.0)
-    anew = over(has_roads=False)
+    anew = over(roads_are_given=False)
     assert (anew.map_size, anew.lane_width) == (210.0, 4.5)
     assert over(driver="planner").driver == "planner"
     assert over(driver="stanley").driver == TWIN.spec().driver

@@ -175,7 +175,7 @@ def _new_bench(
         if are_named_here:
             options = replace(options, others=entries.parts)
         spec, code_folder = options.trusted(
-            options.over(spec, has_roads=False),
+            options.over(spec, roads_are_given=False),
             source,
             left_out=("strategy",),
             others=entries.parts,
