@@ -150,7 +150,7 @@ class RunEntries(
         ),
     ] = None
     signed: Signed | None = None
-    """Signature in the file from which the spec comes, or into which it goes."""
+    """User's signature of the code that the spec names, in the spec's file; None if unsigned."""
 
     def __post_init__(self) -> None:
         """Check the entries and bring each into one form, so that equal runs have equal entries."""
