@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 CURVATURE_BOUND = 0.07  # [1/m], the paper's Section I-B
 MAX_CHANGE = 0.05  # [1/m] from one value to the next, the paper's Section I-B
-MIN_VALUES = 2  # least number of values of a road
+MIN_VALUES = 2  # least number of values of a road, as of `frenetic.road.Road`: its two ends
 
 
 @dataclass(frozen=True)
@@ -83,7 +83,7 @@ def append(
     rng: np.random.Generator, curvatures: FloatArray, options: MutationOptions = PAPER_OPTIONS
 ) -> FloatArray:
     """P1: return the road with 1..5 new values at its end, which continue from its last value."""
-    count = _drawn_count(rng, options)
+    count = _random_count(rng, options)
     new = _continued(rng, float(curvatures[-1]), count, options.bound, options.max_change)
     return np.concatenate((curvatures, new))
 
@@ -131,11 +131,11 @@ def replace_random(
     """P5: return the road with new values at 1..5 random positions.
 
     New values are drawn by `next_curvature` from the first position to the last, each from the
-    value before it, which may be new, too; before the road's first value stands 0. A new value may
+    value before it, which may be new, too; the value before the first counts as 0. A new value may
     differ by any amount from the value after it.
     """
     n = len(curvatures)
-    count = min(_drawn_count(rng, options), n)
+    count = min(_random_count(rng, options), n)
     positions = np.sort(rng.choice(n, size=count, replace=False)).tolist()
     mutant = curvatures.copy()
     for i in positions:
@@ -200,9 +200,11 @@ def splice(first: FloatArray, second: FloatArray) -> tuple[FloatArray, FloatArra
 
 
 PassOperator: TypeAlias = Callable[
-    [np.random.Generator, FloatArray, MutationOptions], "FloatArray | None"
+    [np.random.Generator, FloatArray, MutationOptions], FloatArray | None
 ]
+"""Random mutation of a parent that passed; it returns None if it cannot change the road."""
 FailOperator: TypeAlias = Callable[[FloatArray], FloatArray]
+"""Mutation of a parent that failed, without randomness."""
 
 PASS_OPERATORS: Mapping[str, PassOperator] = MappingProxyType(
     {
@@ -214,10 +216,7 @@ PASS_OPERATORS: Mapping[str, PassOperator] = MappingProxyType(
         "P6": scale,
     }
 )
-"""Mutations of a parent that passed, in the order in which they are tried.
-
-A mutation returns None if it cannot change the road.
-"""
+"""Mutations of a parent that passed, in the order in which they are tried."""
 
 FAIL_OPERATORS: Mapping[str, FailOperator] = MappingProxyType(
     {"F1": reverse_road, "F2": reverse_values, "F3": swap_halves, "F4": flip}
@@ -236,7 +235,7 @@ def _continued(
     return np.array(values, dtype=np.float64)
 
 
-def _drawn_count(rng: np.random.Generator, options: MutationOptions) -> int:
+def _random_count(rng: np.random.Generator, options: MutationOptions) -> int:
     """Return a random number of values to change."""
     return int(rng.integers(options.min_changed, options.max_changed, endpoint=True))
 
@@ -245,4 +244,4 @@ def _removed_count(
     rng: np.random.Generator, curvatures: FloatArray, options: MutationOptions
 ) -> int:
     """Return a random number of values to remove, so that at least `MIN_VALUES` remain."""
-    return max(0, min(_drawn_count(rng, options), len(curvatures) - MIN_VALUES))
+    return max(0, min(_random_count(rng, options), len(curvatures) - MIN_VALUES))
