@@ -44,7 +44,11 @@ class SourceTest:
 
 @dataclass(frozen=True, eq=False)
 class Candidate:
-    """A road that a strategy wants judged."""
+    """A road that a strategy wants judged.
+
+    Superelevation, grade, widening and speed limits are profiles: arrays whose rows hold a distance
+    along the road in m and the value there, see `frenetic.road.Road`.
+    """
 
     id: int
     """Number in the order of asking, from 1."""
@@ -69,15 +73,14 @@ class Candidate:
     """Test that the road comes from; None if the strategy made the road."""
     notes: Mapping[str, Any] = field(default_factory=dict)
     """Notes of the strategy, as JSON: they are stored, and only the strategy reads them."""
-    # Profiles: rows of a distance along the road in m and the value there, see frenetic.road.Road.
     superelevation: FloatArray | None = None
-    """Superelevation, (k, 2) in m and as a slope; None: as the campaign's road class says, level
-    without a class."""
+    """Superelevation, (k, 2) in m and as a slope; None: from the campaign's road class; level if
+    there is none."""
     grade: FloatArray | None = None
     """Grade, (k, 2) in m and as a slope; None for a road that neither rises nor falls."""
     widening: FloatArray | None = None
-    """Widening of each lane, (k, 2) in m and m; None: as the campaign's road class says, none
-    without a class."""
+    """Widening of each lane, (k, 2) in m and m; None: from the campaign's road class; 0 if there is
+    none."""
     speed_limits: FloatArray | None = None
     """Speed limits, (k, 2) in m and km/h, each from its distance on; None for a road without
     limits."""
@@ -109,10 +112,10 @@ class Candidate:
         Raises:
             RoadError: Curvatures or profiles make no road.
         """
-        # A strategy's records need no compiled code.
-        from frenetic.road import profile  # compiled
-        from frenetic.road.road import Road  # compiled
-        from frenetic.road.road_values import START  # compiled
+        # Imported late: these modules load numba, which records without roads do not need.
+        from frenetic.road import profile  # loads numba
+        from frenetic.road.road import Road  # loads numba
+        from frenetic.road.road_values import START  # loads numba
 
         profiles: dict[str, FloatArray] = {}
         if road_class is not None:
@@ -160,7 +163,7 @@ class Trace:
 
 
 def _no_trace() -> Trace | None:
-    """Return None: by default there is no trace."""
+    """Return None; unlike a lambda, this default of `Evaluation.read_trace` can be pickled."""
     return None
 
 
@@ -177,10 +180,11 @@ class Evaluation:
     outcome: Outcome
     """Outcome; the constructor takes its name, too."""
     moobd: float | None
-    """Minimum out-of-bounds distance of the drive in m, smaller is worse for the driver; None
-    unless PASS or FAIL, or if it was not measured."""
+    """Minimum out-of-bounds distance (MOOBD) of the drive, in m: how far the car's centre stayed
+    inside its lane, negative outside. None if nothing was driven (neither PASS nor FAIL) or nothing
+    measured."""
     budget_spent: float
-    """Share of the campaign's budget that was spent when the result was told, 0..1; above 1 if the
+    """Share of the campaign's budget that was spent when the result was told, 0..1; 1 also if the
     budget was exceeded."""
     finding: Finding | None = None
     """Gravest breach of a criterion, see `frenetic.oracle.Result`; None for a PASS, and for a FAIL
@@ -193,7 +197,9 @@ class Evaluation:
     fault: Fault | None = None
     """Fault of the driver that ended the drive."""
     objective: float | None = None
-    """Value to be minimised, if the campaign has another objective than the MOOBD."""
+    """Value to be minimised if the campaign has another objective than the MOOBD: the objective's
+    value, negated where a higher value is worse for the driver. None if the objective is the
+    MOOBD, or nothing was driven."""
     read_trace: Callable[[], Trace | None] = field(default=_no_trace, compare=False, repr=False)
     """Function that reads `trace`; it is called at most once."""
 
@@ -207,13 +213,13 @@ class Evaluation:
 
     @property
     def fitness(self) -> float | None:
-        """Value that the search minimises, lower for a worse drive; None unless PASS or FAIL.
+        """Value that the search minimises: `objective`, or the MOOBD where that is None.
 
-        It is the MOOBD, or the value of the campaign's other objective.
+        A lower value is a worse drive. None if nothing was driven or nothing measured.
         """
         return self.moobd if self.objective is None else self.objective
 
     @cached_property
     def trace(self) -> Trace | None:
-        """Offsets and speeds along the road, read on first use; None unless PASS or FAIL."""
+        """Offsets and speeds along the road, read on first use; None if nothing was driven."""
         return self.read_trace()
