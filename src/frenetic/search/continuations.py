@@ -36,11 +36,8 @@ class RoadContinuations:
         # Roads, each with the index of the first value of its rest.
         self._waiting: deque[tuple[Candidate, int]] = deque()
 
-    def remember_failure(self, candidate: Candidate, evaluation: Evaluation) -> None:
-        """Remember the rest of a road on which the car left its lane, if the rest is long enough.
-
-        The results of all roads may be handed in.
-        """
+    def note_result(self, candidate: Candidate, evaluation: Evaluation) -> None:
+        """Note a road's result; if the car left its lane, the rest waits if it is long enough."""
         finding = evaluation.finding
         if self._road_class is None or finding is None or finding.side is None:
             return

@@ -254,7 +254,7 @@ class Frenetic(Strategy):
 
         """
         candidate = self._ledger.settle(evaluation)
-        self._continuations.remember_failure(candidate, evaluation)
+        self._continuations.note_result(candidate, evaluation)
         proposed = self._children.pop(candidate.id, None)
         self._archive.settle(candidate.id)
         self._budget_spent = max(self._budget_spent, evaluation.budget_spent)

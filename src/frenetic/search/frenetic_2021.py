@@ -250,7 +250,7 @@ class Frenetic2021(Strategy):
 
         """
         candidate = self._ledger.settle(evaluation)
-        self._continuations.remember_failure(candidate, evaluation)
+        self._continuations.note_result(candidate, evaluation)
         siblings = self._failed_siblings.pop(candidate.id, None)
         if self._counts(evaluation):
             self._tests_since_crossover += 1

@@ -19,10 +19,10 @@ from frenetic.search.strategy import Ledger, Strategy, checked_options
 class RandomSearch(Strategy):
     """A `Strategy` that proposes random roads and learns nothing.
 
-    `RandomRoads` draws the roads, 187 m long in the mean on the map of 200 m. With the same seed,
-    the random phase of ``Frenetic2021(max_redraws=10)`` has the same roads. The random roads of
-    `Frenetic` are longer, 275 m in the mean. In a road class the rest of a failing road is proposed
-    next, see `RoadContinuations`.
+    `RandomRoads` draws the roads. With the same seed, the random phase of
+    ``Frenetic2021(max_redraws=10)`` has the same roads; the random roads of `Frenetic` are longer.
+    If the car leaves its lane on a road of a road class, the rest of this road is proposed next,
+    see `RoadContinuations`.
 
     Args:
         seed: A whole number of at least 0.
@@ -55,6 +55,8 @@ class RandomSearch(Strategy):
         domain: Domain | None = None,
     ) -> None:
         map_size, step = size_and_step(map_size, step, road_class)
+        # Before other local variables exist: locals() has to hold the arguments alone, of which map
+        # size and step are no longer None.
         self.options = checked_options(locals(), RandomSearch.__init__)
         self.road_class, self.domain = road_class, domain
         self._rng = np.random.default_rng(seed)
@@ -66,6 +68,7 @@ class RandomSearch(Strategy):
             max_redraws=max_redraws,
             road_class=road_class,
         )
+        # Numbers the candidates, and knows which of them still lack a result.
         self._ledger = Ledger()
         self._continuations = RoadContinuations(road_class)
 
@@ -77,20 +80,28 @@ class RandomSearch(Strategy):
         self._roads.keep_map_margin(map_margin)
 
     def require_valid_roads(self) -> None:
-        """Refuse options with which hardly any road is valid, see `RandomRoads`."""
+        """Refuse options with which hardly any road is valid.
+
+        Raises:
+            ValueError: Hardly any road is valid, see `RandomRoads.require_valid_roads`.
+
+        """
         self._roads.require_valid_roads()
 
     def ask(self) -> Candidate:
-        """Return the rest of a failing road if one waits, else a random road."""
-        rest = self._continuations.issue(self._ledger)
-        return rest or self._roads.issue(self._rng, self._ledger, self.domain)
+        """Return the rest of a road on which the car left its lane, if one waits, or a new road."""
+        rest_of_road = self._continuations.issue(self._ledger)
+        if rest_of_road is not None:
+            return rest_of_road
+        return self._roads.issue(self._rng, self._ledger, self.domain)
 
     def tell(self, evaluation: Evaluation) -> None:
-        """Settle the candidate, and remember the rest of its road if the car left its lane.
+        """Learn a candidate's result; if the car left its lane, the rest of the road may come next.
 
         Raises:
-            ValueError: The candidate was never asked, or was told already; see `Ledger.settle`.
+            ValueError: The candidate was never asked, or was told already, or a number of the
+                evaluation is not finite; see `Ledger.settle`.
 
         """
         candidate = self._ledger.settle(evaluation)
-        self._continuations.remember_failure(candidate, evaluation)
+        self._continuations.note_result(candidate, evaluation)
