@@ -43,7 +43,8 @@ class Examination:
     checks: tuple[SimulatorCheck, ...]
     """Results of the checks, in order; empty if the simulator was not checked."""
     note: str = ""
-    """Reason why nothing was checked; empty if the simulator was checked."""
+    """Reason why nothing was checked, or the remedy if the simulator is not installed; empty if the
+    simulator was checked."""
 
     @property
     def failed(self) -> tuple[SimulatorCheck, ...]:
@@ -86,7 +87,9 @@ def examine_all() -> Iterator[Examination]:
         try:
             factory = SIMULATORS.load(entry.name)
             if defaults_of(factory).missing_modules:
-                yield Examination(entry.name, Health.NOT_INSTALLED, (), pip_install(entry.name))
+                # The extra that installs a simulator's modules has the simulator's name.
+                remedy = pip_install(entry.name)
+                yield Examination(entry.name, Health.NOT_INSTALLED, (), remedy)
                 continue
             yield examine(entry.name)
         except FreneticError as error:
@@ -94,7 +97,11 @@ def examine_all() -> Iterator[Examination]:
 
 
 def _checks(simulator: Simulator) -> Iterator[SimulatorCheck]:
-    """Yield the results of all checks; an error outside a check fails the stage that it ends."""
+    """Yield the results of all checks.
+
+    An error outside a check becomes a failed check named after the stage: ``start``, ``checks`` or
+    ``end``.
+    """
     stage = "start"
     try:
         with simulator:
