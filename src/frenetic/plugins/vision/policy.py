@@ -32,6 +32,9 @@ import numpy.typing as npt
 from frenetic._support.arrays import FloatArray
 from frenetic._support.compiled import njit
 from frenetic.drivers.driver import AHEAD_POINTS, Controls, DriveSetup, Observation
+
+# LANE_WIDTH, MAX_STEERING and SPEED_LIMIT are no values: they are indices of the array that
+# `setup_array` returns.
 from frenetic.drivers.laws import LANE_WIDTH, MAX_STEERING, SPEED_LIMIT, setup_array
 from frenetic.errors import DriverError
 
@@ -54,14 +57,20 @@ VECTOR_SIZE: Final = 6 + CURVATURES
 """Length of the vector."""
 ACTION_SIZE: Final = 2
 """Length of an action."""
-
-# LANE_WIDTH, MAX_STEERING and SPEED_LIMIT are indices of the array that `setup_array` returns.
+_MAX_TEXT: Final = 80
+"""Largest number of characters of a wrong action in an error's message (our choice)."""
 
 
 @njit()
 def _scaled(value: float, full_scale: float) -> float:
     """Return a value as a share of its full scale, cut to -1..1."""
     return min(max(value / full_scale, -1.0), 1.0)
+
+
+@njit()
+def _full_steering(setup: FloatArray) -> float:
+    """Return the full scale of the front wheels' angle, in rad; the car's largest angle if less."""
+    return min(STEERING_RANGE, setup[MAX_STEERING])  # type: ignore[no-any-return]
 
 
 @njit()
@@ -90,7 +99,7 @@ def write_vector(
     out[0] = _scaled(speed, MAX_SPEED)
     out[1] = _scaled(limit - speed, MAX_SPEED)
     out[2] = _scaled(yaw_rate, MAX_YAW_RATE)
-    out[3] = _scaled(steering, min(STEERING_RANGE, setup[MAX_STEERING]))
+    out[3] = _scaled(steering, _full_steering(setup))
     out[4] = _scaled(lateral_offset, setup[LANE_WIDTH])
     out[5] = _scaled(heading_error, MAX_HEADING_ERROR)
     for j in range(CURVATURES):
@@ -108,7 +117,7 @@ def controls_of(steering: float, pedal: float, setup: FloatArray) -> tuple[float
     """
     steering = min(max(steering, -1.0), 1.0)
     pedal = min(max(pedal, -1.0), 1.0)
-    angle = steering * min(STEERING_RANGE, setup[MAX_STEERING])
+    angle = steering * _full_steering(setup)
     return angle, max(pedal, 0.0), max(-pedal, 0.0)
 
 
@@ -117,8 +126,8 @@ def vector_of(observation: Observation, setup: FloatArray) -> npt.NDArray[np.flo
 
     Args:
         observation: the observation.
-        setup: array that `setup_array` returns; its speed limit stands in for an observation's
-            that is not finite.
+        setup: array that `setup_array` returns; its speed limit is used where the observation's
+            limit is infinite.
     """
     o = observation
     limit = o.speed_limit if math.isfinite(o.speed_limit) else setup[SPEED_LIMIT]
@@ -169,8 +178,9 @@ class PolicyDriver:
         except (TypeError, ValueError):  # such as a text or lists of different lengths
             action = np.empty(0)
         if action.shape != (ACTION_SIZE,) or not np.isfinite(action).all():
+            answer_text = repr(answer)[:_MAX_TEXT]
             raise DriverError(
-                f"the policy returned {repr(answer)[:80]}: steering and pedal, two finite numbers,"
-                " are needed"
+                f"the policy returned {answer_text}: steering and pedal, two finite numbers, are"
+                " needed"
             )
         return Controls(*controls_of(action[0], action[1], self._setup))
