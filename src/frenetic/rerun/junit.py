@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 import xml.etree.ElementTree as ET
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Final
 
@@ -12,7 +12,7 @@ from frenetic._support.files import write_file
 from frenetic.conditions.condition import as_text
 from frenetic.errors import CampaignError
 from frenetic.rerun.reruns import Rerun
-from frenetic.rerun.stability import Change, Repeats, matches_text
+from frenetic.rerun.stability import Change, Repeat, Repeats, matches_text
 
 SUITE: Final = "frenetic rerun"
 """Name of the root element of a file."""
@@ -28,7 +28,10 @@ def write_junit(rerun: Rerun, path: Path | str) -> None:
     """Write a rerun as a JUnit XML file.
 
     A road on which the driver fails is a failure; a road that could not be judged is an error. The
-    recorded outcome and the MOOBDs are properties of the test case.
+    attribute ``time`` is wall time, in s. A test case has the recorded drive and the worst new
+    drive as properties: outcomes, MOOBDs (``moobd``, ``moobd_before``: the minimum oob distance,
+    negative outside the lane, in m), the road's ``length`` in m, and ``duration``, the simulated
+    time of the worst new drive in s.
 
     Raises:
         CampaignError: the file cannot be written.
@@ -38,57 +41,65 @@ def write_junit(rerun: Rerun, path: Path | str) -> None:
 
 def junit(rerun: Rerun) -> bytes:
     """Return a rerun as JUnit XML in UTF-8."""
-    tests = rerun.tests
     counts = {
-        "tests": str(len(tests)),
-        "failures": str(sum(test.change in _FAILING_CHANGES for test in tests)),
+        "tests": str(len(rerun.tests)),
+        "failures": str(sum(repeats.change in _FAILING_CHANGES for repeats in rerun.tests)),
         "errors": str(rerun.count(Change.NOT_JUDGED)),
         "skipped": "0",
-        "time": _decimals(sum(drive.test.seconds for drive in rerun.drives), _SECOND_DIGITS),
+        "time": _decimals(_wall_time(rerun.drives), _SECOND_DIGITS),
     }
     name = _text(rerun.campaign)
     top = ET.Element("testsuites", {"name": SUITE, **counts})
     suite = ET.SubElement(top, "testsuite", {"name": name, **counts})
     parts = {"driver": rerun.driver, "simulator": rerun.simulator}
     _add_properties(suite, {part: str(described["class"]) for part, described in parts.items()})
-    for test in tests:
-        seconds = sum(drive.test.seconds for drive in test.drives)
+    for repeats in rerun.tests:
         attributes = {
             "classname": name,
-            "name": f"test {test.id}",
-            "time": _decimals(seconds, _SECOND_DIGITS),
+            "name": f"test {repeats.id}",
+            "time": _decimals(_wall_time(repeats.drives), _SECOND_DIGITS),
         }
-        _add_outcome(ET.SubElement(suite, "testcase", attributes), test)
+        _add_outcome(ET.SubElement(suite, "testcase", attributes), repeats)
     ET.indent(top)
     document: bytes = ET.tostring(top, encoding="utf-8", xml_declaration=True)
     return document + b"\n"
 
 
-def _add_outcome(case: ET.Element, test: Repeats) -> None:
-    """Add properties to a test case, and its failure or error; the worst drive stands for all."""
-    matches = matches_text(test.drives)
-    judged = [drive for drive in test.drives if drive.outcome.is_driven]
-    worst = min(judged or test.drives, key=lambda drive: drive.margin)
-    candidate = test.recorded.candidate
+def _wall_time(drives: Iterable[Repeat]) -> float:
+    """Return the wall time of drives, in s."""
+    return sum(drive.test.seconds for drive in drives)
+
+
+def _add_outcome(case: ET.Element, repeats: Repeats) -> None:
+    """Add properties to a test case, and its failure or error.
+
+    The worst drive stands for all: the first that failed, or else the passing drive of lowest
+    MOOBD, or else the first drive.
+    """
+    matches = matches_text(repeats.drives)
+    judged = [drive for drive in repeats.drives if drive.outcome.is_driven]
+    # All failures have the margin -inf; of equal margins, `min` takes the first.
+    worst = min(judged or repeats.drives, key=lambda drive: drive.margin)
+    candidate = repeats.recorded.candidate
     conditions = as_text(worst.conditions)
     properties = {
-        "change": str(test.change),
+        "change": str(repeats.change),
         **({"conditions": conditions} if conditions else {}),
         **({"match": matches} if matches else {}),
-        "failed": f"{test.failed} of {test.judged}",
+        "failed": f"{repeats.failed} of {repeats.judged}",
         "outcome": str(worst.outcome),
-        "outcome_before": str(test.recorded.outcome),
+        "outcome_before": str(repeats.recorded.outcome),
         "criteria": ", ".join(finding.criterion for finding in worst.test.result.findings),
         "moobd": _decimals(worst.moobd, _METRE_DIGITS),
-        "moobd_before": _decimals(test.recorded.moobd, _METRE_DIGITS),
+        "moobd_before": _decimals(repeats.recorded.moobd, _METRE_DIGITS),
         "length": _decimals(candidate.length, _METRE_DIGITS),
         "duration": _decimals(worst.duration, _SECOND_DIGITS),
     }
     _add_properties(case, properties)
-    if test.change not in (*_FAILING_CHANGES, Change.NOT_JUDGED):
+    if repeats.change not in (*_FAILING_CHANGES, Change.NOT_JUDGED):
         return
-    text = _text(f"{test.change}{f' ({matches})' if matches else ''}: {worst.reason}")
-    tag = "failure" if test.change in _FAILING_CHANGES else "error"
+    text = _text(f"{repeats.change}{f' ({matches})' if matches else ''}: {worst.reason}")
+    tag = "failure" if repeats.change in _FAILING_CHANGES else "error"
     ET.SubElement(case, tag, {"type": str(worst.outcome), "message": text}).text = text
 
 
