@@ -152,7 +152,7 @@ MISTAKES: Final = [
     ("estimate", "--odd FILE or the folder of a CAMPAIGN"),
     ("estimate c", "c searched no domain"),
     ("estimate nowhere", "nowhere does not exist"),
-    ("estimate windy --driver stanley", "windy is estimated as it was driven"),
+    ("estimate windy --driver stanley", "windy is driven as before: leave out the options"),
     ("estimate --odd odd.toml --with friction=0.5", "friction is given, and odd draws it"),
     ("estimate --odd nowhere.toml", "nowhere.toml"),
     ("estimate --odd odd.toml --drives 5", "100"),

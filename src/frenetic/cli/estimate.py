@@ -56,24 +56,27 @@ def estimate(
     """Say how often a driver leaves its lane in a domain, per 1,000 km.
 
     The domain is --odd FILE, or a CAMPAIGN's domain. A CAMPAIGN's own driver drives, and its report
-    shows the estimate, too. Common failures are counted in plain drives; for rare failures,
-    conditions in which the driver fails are drawn more often, and weigh less. A search's failures
-    are not counted. After Ctrl-C the same command continues, and it shows a complete estimate;
-    without a CAMPAIGN it needs --out DIR for that.
+    shows the estimate, too. Common failures are counted in plain drives, in conditions as they
+    occur. For rare failures, conditions in which the driver fails are drawn more often, and each
+    failure in them counts less (importance sampling). A search's failures are not counted. Run the
+    same command again to continue after Ctrl-C; when all drives are made, it only prints the
+    estimate. Without a CAMPAIGN this needs --out DIR.
     """
     from frenetic.cli.rerun_options import shown_driving
-    from frenetic.rerun.estimate import estimate as estimated
+    from frenetic.rerun.estimate import estimate as estimate_failure_rate
 
     options = CommandOptions.of(context)
     if campaign is None and not options.says("odd"):
         raise click.UsageError("--odd FILE or the folder of a CAMPAIGN with a domain is needed")
     if campaign is not None and options:
         raise click.UsageError(
-            f"{campaign} is estimated as it was driven: options are for --odd FILE without it"
+            f"{campaign} is driven as before: leave out the options that change how roads are"
+            " driven, or give --odd FILE without a campaign"
         )
     tester = _tester_of_domain(options) if campaign is None else _tester_of(campaign, options)
     log = Log()
-    latest: deque[Summary] = deque(maxlen=1)  # summary of the last event
+    # The summary of the last event; an estimate whose drives are all made sends one event, too.
+    latest: deque[Summary] = deque(maxlen=1)
     try:
         with shown_driving(log, "Driving") as show:
 
@@ -81,7 +84,7 @@ def estimate(
                 latest.append(event.summary)
                 show(event)
 
-            result = estimated(
+            result = estimate_failure_rate(
                 tester,
                 drives=drives,
                 campaign=campaign,
@@ -91,7 +94,7 @@ def estimate(
                 on_event=on_event,
             )
     except KeyboardInterrupt:
-        if not latest:  # no campaign has begun
+        if not latest:  # no event came, so there is no folder to name
             raise
         is_new_folder = campaign is None and out is None
         raise _interrupted(log, latest[-1], drives, is_new_folder=is_new_folder) from None
@@ -114,16 +117,16 @@ def _interrupted(
         log: the console for progress.
         summary: summary of the campaign that drives.
         drives: number of drives that the estimate needs.
-        is_new_folder: whether the folder was chosen by this command, so that the next command has
-            to name it.
+        is_new_folder: whether this command made a new folder, which the next command has to name.
     """
     from frenetic.cli.rerun_options import interrupted
 
+    # Drives in which the simulator broke are made again.
     remaining = counted(drives - summary.passed - summary.failed, "drive")
-    command = None
+    next_command = None  # the same command again
     if is_new_folder:
-        command = Invocation((*this_command().words, "--out", str(summary.folder)))
-    return interrupted(log, f"{remaining} to go", command)
+        next_command = Invocation((*this_command().words, "--out", str(summary.folder)))
+    return interrupted(log, f"{remaining} to go", next_command)
 
 
 def _tester_of_domain(options: CommandOptions) -> RoadTester:
@@ -158,7 +161,10 @@ def _tester_of(campaign: Path, options: CommandOptions) -> RoadTester:
 
 
 def _print(result: FailureRate) -> None:
-    """Print an estimate, and the drives and failures from which it comes."""
+    """Print an estimate, and the drives and failures from which it comes.
+
+    The conditions of plain drives are drawn as they occur in the domain.
+    """
     echo(result.as_text())
     echo(
         f"{result.plain} plain drives over {result.kilometres:.0f} km had"
@@ -167,5 +173,5 @@ def _print(result: FailureRate) -> None:
     if other_drives := result.drives - result.plain:
         echo(
             f"{counted(other_drives, 'drive')} in conditions drawn more often than they occur had"
-            f" {counted(result.other_failures, 'failure')}, which weigh less"
+            f" {counted(result.other_failures, 'failure')}, which count less"
         )
