@@ -20,7 +20,7 @@ _MAX_INT64: Final = 2**63 - 1
 _MAX_MEASURED: Final = 1e7
 """Largest measured length in m, or time in s: a larger number is a mistake (our choice)."""
 _MAX_REPR: Final = 60
-"""Most characters of a value in a message (our choice)."""
+"""Largest number of characters of a value in a message (our choice)."""
 
 Finite: TypeAlias = Annotated[float, Meta(ge=-_MAX_FLOAT, le=_MAX_FLOAT)]
 """A number other than infinity and NaN."""

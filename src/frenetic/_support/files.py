@@ -18,7 +18,7 @@ T = TypeVar("T")
 MAX_BYTES: Final = 4 * 2**20
 """Largest file of a run, a bench or a calibration that is read, in bytes (our choice)."""
 _MAX_NAME: Final = 80
-"""Most characters of a file's name in the name of its unfinished copy."""
+"""Largest number of characters of a file's name in the name of its unfinished copy."""
 
 
 def open_file(path: Path) -> BufferedReader:

@@ -46,7 +46,7 @@ _CHECKSUM: Final = struct.Struct("<I")
 _HEADER_SIZE: Final = len(_MARK) + _FIELDS.size + _CHECKSUM.size
 """Length of the header, in bytes."""
 _READ_SIZE: Final = 1 << 20
-"""Most bytes that are read at once (our choice)."""
+"""Largest number of bytes that are read at once (our choice)."""
 _MAX_WAIT: Final = 3600.0
 """Longest wait for room to write in one call of the system, in s; longer waits repeat it."""
 _DTYPES: Final = frozenset({"<f8", "<i8", "|u1", "|b1"})

@@ -21,9 +21,9 @@ class BeyondLimitsError(ValueError):
 
 
 MAX_DEPTH: Final = 100
-"""Most levels of nested lists and objects (our choice): a driver in ten wrappers has about 20."""
+"""Largest depth of nested lists and objects (our choice); a driver in ten wrappers has about 20."""
 _MAX_MESSAGE: Final = 300
-"""Most characters of a message (our choice)."""
+"""Largest number of characters of a message (our choice)."""
 _TOO_DEEP: Final = f"it is nested more than {MAX_DEPTH} levels deep"
 _TOO_LARGE: Final = "a number has thousands of digits"
 _LONG_KEY: Final = re.compile(

@@ -47,7 +47,7 @@ from frenetic.search.records import Evaluation
 THRESHOLD: Final = ALIKE
 """Largest root mean square difference at which two clusters are joined, in m."""
 COMPARED: Final = 10_000
-"""Most failures of a campaign that are compared with each other, the most severe first."""
+"""Largest number of a campaign's failures that are compared, the most severe first."""
 LISTED: Final = 10
 """Default number of representative failures that are listed and drawn."""
 NEAR_MISSES: Final = 5

@@ -45,7 +45,7 @@ from frenetic.errors import FreneticError
 
 _RANK_DIGITS: Final = 9  # decimal places of mean ranks: a rounding error must not order groups
 _MOST_UNEQUAL: Final = 1.1
-"""Most simulations per least simulations of campaigns that compare fairly (our choice)."""
+"""Largest ratio of the simulations of two campaigns that compare fairly (our choice)."""
 
 
 @dataclass(frozen=True)

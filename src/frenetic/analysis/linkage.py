@@ -17,7 +17,7 @@ from frenetic._support.arrays import FloatArray
 IntArray = npt.NDArray[np.int64]
 
 BATCH: Final = 3000
-"""Most vectors that are linked at a time (our choice); memory and time grow with the square."""
+"""Largest number of vectors linked at a time (our choice); time and memory grow with the square."""
 
 
 def link(vectors: FloatArray, ranks: FloatArray, threshold: float) -> IntArray:

@@ -24,7 +24,10 @@ SAME_LENGTH: Final = 0.2
 UNLIKE: Final = 0.2
 """Edits per step above which two lines are unlike each other (our choice)."""
 MOST_COMPARED: Final = 2000
-"""Most failures for the competition's sparseness, whose time grows with the square (our choice)."""
+"""Largest number of failures for the competition's sparseness (our choice).
+
+Its time grows with the square of this number.
+"""
 
 
 def largest_distances(segments: Sequence[npt.ArrayLike]) -> FloatArray:

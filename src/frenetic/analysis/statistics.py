@@ -25,9 +25,9 @@ LEAST_REPEATS: Final = 5
 SIGNIFICANT: Final = 0.05
 """Value of p below which a difference counts as more than chance."""
 MOST_EXACT: Final = 80
-"""Most values in both groups together for an exact Mann-Whitney test (our choice)."""
+"""Largest number of values in both groups together for an exact Mann-Whitney test (our choice)."""
 MOST_PERMUTED: Final = 8
-"""Most pairs for an exact p of Spearman's rank correlation (our choice)."""
+"""Largest number of pairs for an exact p of Spearman's rank correlation (our choice)."""
 _ROUNDING: Final = 1e-9  # difference of two products of ranks that a rounding error can make
 
 

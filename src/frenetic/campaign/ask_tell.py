@@ -65,7 +65,7 @@ from frenetic.simulators.simulator import Ready
 WAITING: Final = "waiting"
 """Folder in a campaign's folder for results that wait for an older candidate's result."""
 _MOST_ERROR_CHARACTERS: Final = 500
-"""Most characters of the text in an answer about an error (our choice)."""
+"""Largest number of characters of the text in an answer about an error (our choice)."""
 
 
 @dataclass(frozen=True)

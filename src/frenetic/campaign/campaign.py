@@ -153,7 +153,7 @@ class Campaign(NotebookRepr):
         self._is_default_in_flight = max_in_flight is None
         most = default_max_in_flight(workers) if max_in_flight is None else max_in_flight
         self.max_in_flight: int | None = require_count("max_in_flight", most)
-        """Most candidates outstanding at once; None for as many as the workers have room for."""
+        """Largest number of outstanding candidates; None for as many as the workers hold."""
         self.drive_limit = checked_drive_limit(drive_limit, simulator)
         self.folder = new_folder() if folder is None else Path(folder)
         self.seed: int | None = (options_of(strategy) or {}).get("seed")

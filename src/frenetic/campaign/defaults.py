@@ -25,8 +25,10 @@ CAMPAIGNS: Final = Path("campaigns")
 MAX_IN_FLIGHT: Final = 16
 """Candidates outstanding at once if several workers drive (our choice)."""
 QUICK_DRIVES: Final = 1000
-"""Most simulations of a campaign of compiled drives for which one worker is used: it has finished
-before several workers have started (our choice)."""
+"""Largest number of compiled drives of a campaign for which one worker is used (our choice).
+
+One worker makes them before several workers have started.
+"""
 _MOST_FOLDERS: Final = 1000
 """Number from which no further folder of the same second is looked for (our choice)."""
 

@@ -37,7 +37,7 @@ from frenetic.search.strategy import SearchEnded, Strategy, has_own
 from frenetic.spec import Budget
 
 MAX_ATTEMPTS: Final = 2
-"""Most attempts at a candidate whose worker or simulator breaks (our choice)."""
+"""Largest number of attempts at a candidate whose worker or simulator breaks (our choice)."""
 MAX_ERRORS_IN_A_ROW: Final = 10
 """Number of consecutive drives without a verdict after which a campaign gives up (our choice)."""
 MAX_INVALID_IN_A_ROW: Final = 5_000
@@ -62,7 +62,7 @@ class SearchPlan:
     """Number of simulations at which this run stops before the budget is spent; None for no such
     limit."""
     max_in_flight: int | None
-    """Most candidates outstanding at once; None for as many as the workers have room for."""
+    """Largest number of outstanding candidates; None for as many as the workers hold."""
 
 
 @dataclass(frozen=True)

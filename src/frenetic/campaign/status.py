@@ -28,7 +28,7 @@ from frenetic.spec.parts import PARTS
 LOG_TAIL: Final = 1 << 16
 """Number of bytes at the end of a log in which news are looked for (our choice)."""
 MOST_NEWS: Final = 10
-"""Most lines of news in a state (our choice)."""
+"""Largest number of lines of news in a state (our choice)."""
 _PHASE_EVENTS: Final = (
     LogEvent.STARTED,
     LogEvent.RESUMED,

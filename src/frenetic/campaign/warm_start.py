@@ -42,16 +42,16 @@ _LEAST_DIFFERENCE: Final = 1.0
 """Difference from each taken test below which another test is left out, in m, by the measure of
 `frenetic.search.approach` (our choice)."""
 _MOST_REASONS: Final = 10
-"""Most unreadable files and roads that are named, each with its reason (our choice)."""
+"""Largest number of unreadable files and roads named with their reasons (our choice)."""
 
 
 class _Most(NamedTuple):
     """Limits of the tests that one earlier campaign gives."""
 
     taken: int
-    """Most tests that are taken."""
+    """Largest number of tests that are taken."""
     read: int
-    """Most tests that are read to find them, by their MOOBD, lowest first."""
+    """Largest number of tests that are read to find them, by their MOOBD, lowest first."""
 
 
 _MOST_TESTS: Final = {Outcome.FAIL: _Most(500, 5000), Outcome.PASS: _Most(100, 1000)}

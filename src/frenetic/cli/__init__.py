@@ -36,7 +36,7 @@ _OPTIONS_IN_ADVICE: Final = (
 )
 """Option of a command, advice in the library's errors, and advice that names the option."""
 _MAX_LINE: Final = 2_000
-"""Most characters of the line about a mistake, which may quote an argument (our choice)."""
+"""Largest number of characters of an error message, which may quote an argument (our choice)."""
 _GARBAGE_THRESHOLD: Final = 50_000
 """New objects after which Python looks for garbage (our choice)."""
 _CONTEXT_SETTINGS: Final = {"help_option_names": ["-h", "--help"], "max_content_width": 100}

@@ -14,7 +14,7 @@ from frenetic.cli.console import print_facts
 from frenetic.cli.options import campaign_argument, json_option
 
 MAX_FINDINGS: Final = 20
-"""Most findings that are printed (our choice); the JSON has all."""
+"""Largest number of findings that are printed (our choice); the JSON has all."""
 
 
 @click.command()

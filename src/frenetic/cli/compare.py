@@ -35,9 +35,9 @@ _WILDCARDS: Final = "*?["
 _SUFFIXES: Final = (".html", ".png", ".svg", ".pdf")
 """Suffixes of files that `compare` can write."""
 _MAX_GROUPS_ACROSS: Final = 3
-"""Most groups that are columns of a table; more groups are rows (our choice)."""
+"""Largest number of groups that are columns of a table; more groups are rows (our choice)."""
 _MAX_MEASURES_ACROSS: Final = 4
-"""Most measures that are columns of a table (our choice)."""
+"""Largest number of measures that are columns of a table (our choice)."""
 
 
 @click.command()

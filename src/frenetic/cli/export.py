@@ -47,7 +47,7 @@ ROADS: Final[Mapping[str, tuple[str, ...]]] = {
 }
 """Format of a road -> its options."""
 _MAX_ROADS_IN_NAME: Final = 60
-"""Most characters of a map's road IDs in a file's name; a digest follows what is cut."""
+"""Largest number of characters of a map's road IDs in a file name; a digest follows a cut."""
 EXPORTS: Final = "exports"
 """Folder for exported roads in a campaign's folder."""
 

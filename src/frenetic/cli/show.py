@@ -43,9 +43,9 @@ if TYPE_CHECKING:
     from frenetic.campaign.counts import Counts
 
 MAX_GAPS: Final = 3
-"""Most cells without a drive that are printed (our choice); the JSON has all."""
+"""Largest number of printed cells without a drive (our choice); the JSON has all."""
 MAX_TESTS: Final = 20
-"""Most tests that are listed without --limit (our choice); the JSON has all."""
+"""Largest number of tests listed without --limit (our choice); the JSON has all."""
 
 
 @click.command()

@@ -20,11 +20,11 @@ from frenetic.parts.named_code import Parts
 from frenetic.parts.signatures import canonical_json, user_folder, write_at_once
 
 _MAX_LINES: Final = 1000
-"""Most lines of the list; a longer list loses its older half. Our choice."""
+"""Largest number of lines of the list; a longer list loses its older half. Our choice."""
 _MAX_BYTES: Final = 2**20
-"""Most bytes that are read, from the list's end; a thousand lines have about 200,000."""
+"""Largest number of bytes read from the list's end; a thousand lines have about 200,000."""
 _MAX_PATH: Final = 300
-"""Most characters of a path in a line, which stays short enough to be written at once."""
+"""Largest number of characters of a path in a line, so that a line is written at once."""
 
 
 def allow(path: Path | str, code: Parts, folder: Path | str | None = None) -> bool:

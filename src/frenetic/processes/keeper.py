@@ -34,7 +34,7 @@ if sys.platform == "linux":
     """Adjustment from -1000 to 1000 by which Linux, short of memory, kills the child first (our
     choice)."""
     _MOST_SIGNALS: Final = 512
-    """Most signals, one byte each, that are read at once."""
+    """Largest number of signals, one byte each, that are read at once."""
 
     def fork_under_keeper(connection: Connection) -> None:
         """Fork: the child process returns, while this process becomes its keeper and never does.

@@ -37,9 +37,9 @@ CUT_OFF: Final = 83
 LIBRARY: Final = "frenetic"
 """Name of the logger whose records are passed on to the parent."""
 _MOST_CHARACTERS: Final = 2_000
-"""Most characters of a log message; the rest is cut (our choice)."""
+"""Largest number of characters of a log message; the rest is cut (our choice)."""
 _MOST_NAME_CHARACTERS: Final = 200
-"""Most characters of a logger's name; the rest is cut (our choice)."""
+"""Largest number of characters of a logger's name; the rest is cut (our choice)."""
 _HIGHEST_LEVEL: Final = 100
 """Highest level of a log record (our choice)."""
 

@@ -60,13 +60,13 @@ START_LIMIT: Final = 600.0
 CLOSING_LIMIT: Final = 30.0
 """Time that a process has to close its object, in s (our choice)."""
 MOST_WORKERS: Final = 30 if sys.platform == "win32" else sys.maxsize
-"""Most processes at once: Windows waits for at most 64 handles, two of each process."""
+"""Largest number of processes at once: Windows waits for 64 handles, two of each process."""
 _EXIT_LIMIT: Final = 1.0
 """Time that a process has to end after its object was closed, in s (our choice)."""
 _KILLED: Final = -9
 """Exit code of a process that SIGKILL has ended."""
 _MOST_LOG_RECORDS: Final = 1_000
-"""Most log records of one call that are passed on (our choice)."""
+"""Largest number of log records of one call that are passed on (our choice)."""
 _MAIN_HINT: Final = (
     "see its traceback; scripts that start workers need 'if __name__ == \"__main__\":'"
 )

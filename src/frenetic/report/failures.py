@@ -32,7 +32,7 @@ PICTURES: Final = "pictures"
 GALLERY: Final = "gallery.png"
 """Name of the file in `FAILURES` with the picture of the listed failures at a glance."""
 MOST_FILES: Final = 1000
-"""Most failing roads that get a file, the most severe first; our choice.
+"""Largest number of failing roads that get a file, the most severe first; our choice.
 
 The database holds all failing roads.
 """

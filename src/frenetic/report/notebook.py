@@ -26,9 +26,9 @@ from frenetic.report.sheet import SheetItem, draw_sheet, sheet_row
 from frenetic.report.style import STYLE, Paper, encode_figure
 
 FAILURES: Final = 6
-"""Most failures of a campaign that are drawn; our choice."""
+"""Largest number of failures of a campaign that are drawn; our choice."""
 COMPARED: Final = 500
-"""Most failures of a campaign that are compared, the most severe first: fast; our choice."""
+"""Largest number of a campaign's failures that are compared, the most severe first; our choice."""
 
 _DPI: Final = 144.0  # [dots/inch] for screens with many pixels; our choice
 _PNG_COLOURS: Final = 64  # few, since a notebook stores all its pictures; our choice

@@ -62,7 +62,7 @@ from frenetic.report.view import Box, View
 from frenetic.road import Road
 
 MAX_SHEET: Final = 400
-"""Most pictures on one contact sheet."""
+"""Largest number of pictures on one contact sheet."""
 
 
 # Sizes in inches, our choice.

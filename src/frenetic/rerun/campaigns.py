@@ -69,7 +69,7 @@ class RerunPlan:
     strategy_name: str | None = None
     """Name of the strategy on a command line; None if it has no name."""
     max_in_flight: int | None = None
-    """Most candidates without a result at once, see `Campaign`."""
+    """Largest number of candidates without a result at once, see `Campaign`."""
 
 
 def rerun_campaign(

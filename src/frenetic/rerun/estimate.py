@@ -64,7 +64,7 @@ choice."""
 _MIN_DRIVES: Final = 100
 """Fewest drives of an estimate; our choice."""
 _MAX_REDRAWS: Final = 1000
-"""Most roads that are drawn in a row until one is valid; our choice."""
+"""Largest number of roads that are drawn in a row until one is valid; our choice."""
 _WRITE_REMEDY: Final = "make room, or let it be written"
 
 Method = Literal["plain", "importance sampling", "none"]

@@ -42,7 +42,7 @@ _CENTRES: Final = ((1.0, 0.2), (0.75, 0.3), (0.5, 0.3), (0.25, 0.1), (0.0, 0.1))
 """Centres of the draws around a failure, each with its share of the draws: 0 stands for the usual
 conditions, 1 for the failure's conditions, other numbers for conditions in between."""
 _MAX_FAILURES: Final = 200
-"""Most failures around which a stage draws."""
+"""Largest number of failures around which a stage draws."""
 _REGION_DEVIATION: Final = 2.0
 """Standard deviation of the weights by which a failure is moved to the mean of the failures around
 it, where the standard deviation of the domain's distribution is 1."""

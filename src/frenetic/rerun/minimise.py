@@ -53,7 +53,7 @@ MIN_DRIVES_PER_CAUSE: Final = 50
 """Fewest drives for the road of a cause: with them most roads come near their final length; our
 choice."""
 MAX_DRIVES_PER_CAUSE: Final = 120
-"""Most drives for the road of a cause: after them hardly any road gets shorter; our choice."""
+"""Largest number of drives for the road of a cause; more hardly shorten it; our choice."""
 CAUSE: Final = f"{kind_number.__module__}:{kind_number.__name__}"
 """Name of the objective, the kind of the failure's cause, of campaigns that minimise."""
 _SLOW_FAULTS: Final = (HANGS, ENDS_ITS_PROCESS, IS_KILLED, BREAKS_PROTOCOL)

@@ -30,7 +30,7 @@ GUARD: Final = 0.02
 OPERATOR: Final = "minimise"
 """Operator in the origin of the tried roads."""
 _MAX_BISECTIONS: Final = 6
-"""Most trials per condition; our choice."""
+"""Largest number of trials per condition; our choice."""
 _FAR_VIEW: Final = 200.0
 """Largest view that is tried in place of an infinite usual one, in m; our choice."""
 _BEGINNING_SAMPLES: Final = 3

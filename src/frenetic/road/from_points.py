@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 RECOGNISED = 1e-5
 """Largest distance of points from the clothoid chain that they sample, in m; our choice."""
 MOST_RECOGNISED = 300
-"""Most points for which a clothoid chain is fitted; our choice: the time grows with their cube."""
+"""Largest number of points for a chain of clothoids, whose time grows with the cube; our choice."""
 _LEAST_RECOGNISED = 8
 """Fewest points for which a clothoid chain is fitted; our choice: through fewer points, a chain may
 pass by accident."""

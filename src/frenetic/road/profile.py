@@ -32,7 +32,7 @@ NOTHING: Final = np.empty((0, 2))
 """The profile that is 0 everywhere."""
 NOTHING.setflags(write=False)
 MOST_STATIONS: Final = 10_000
-"""Most stations of a profile; our choice."""
+"""Largest number of stations of a profile; our choice."""
 _LAST_STATION: Final = 1e6  # [m] largest station in either direction; our choice
 _STRAIGHT: Final = 1e-15  # value by which a station may be off a straight line; our choice
 

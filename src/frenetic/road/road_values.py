@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 # Bounds; all are our choice.
 MAX_SAMPLES = 10_000
-"""Most curvature samples of a road."""
+"""Largest number of curvature samples of a road."""
 MAX_LENGTH = 50_000.0
 """Length of the longest road, in m."""
 MAX_CURVATURE = 10.0

@@ -30,7 +30,7 @@ STEP = 10.0
 LENGTH_JITTER = 5
 """Values by which a road may be longer or shorter than usual: the paper's Section I-B."""
 MAX_LENGTH = 30
-"""Most values of a road, before the jitter: the paper's Section I-B."""
+"""Largest number of values of a road, before the jitter: the paper's Section I-B."""
 MAX_REDRAWS = 10
 """Times that a refused road is drawn again (our choice)."""
 

@@ -28,11 +28,14 @@ logger = logging.getLogger(__name__)
 _ADDRESS: Final = re.compile(r" at 0x[0-9a-fA-F]+")
 """Address of an object in memory, within its repr."""
 _MAX_DEPTH: Final = 3
-"""Most levels of nested arguments in a record (our choice)."""
+"""Largest number of levels of nested arguments in a record (our choice)."""
 _MAX_ITEMS: Final = 100
-"""Most items of a list in a record; a longer list is recorded as its repr (our choice)."""
+"""Largest number of items of a list in a record; a longer list is recorded as repr (our choice)."""
 _MAX_TEXT: Final = 200
-"""Most characters of an argument's repr in a record; a digest stands for the rest (our choice)."""
+"""Largest number of characters of an argument's repr in a record (our choice).
+
+A digest stands for the rest.
+"""
 
 
 def describe(part: object, construction: Construction | None = None) -> dict[str, JSONValue]:

@@ -14,7 +14,7 @@ from frenetic.parts.records import innermost, over_each_other, part_name
 from frenetic.spec.part_record import describe
 
 _MAX_OPTIONS: Final = 6
-"""Most options in a text; more are shown as "…" (our choice)."""
+"""Largest number of options in a text; more are shown as "…" (our choice)."""
 _CAMPAIGN_OPTIONS: Final = ("seed", "map_size", "road_class", "domain", "wall_limit")
 """Options of parts that follow from the campaign, which reports show beside its parts."""
 _UNKNOWN: Final = object()

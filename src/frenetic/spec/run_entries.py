@@ -140,7 +140,7 @@ class RunEntries(
     ] = None
     seed: Annotated[Index | None, _about("Repeats a search. [default: a new one]", "N")] = None
     max_in_flight: Count | None = None
-    """Most roads that are proposed and have no result yet."""
+    """Largest number of roads that are proposed and have no result yet."""
     workers: Annotated[
         Count | str | None,
         _about(

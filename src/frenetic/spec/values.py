@@ -20,13 +20,13 @@ if TYPE_CHECKING:
 COMPETITION: Final = "competition"
 """Value of ``roads`` for roads that keep the competition's rules and no road class."""
 MAX_WORKERS: Final = 1024
-"""Most workers on one computer (our choice); the size of a cluster is not limited."""
+"""Largest number of workers on one computer (our choice); the size of a cluster is not limited."""
 _DEFAULT_NAME: Final = "own"
 """Name of a user's domain or criteria whose entries have no name."""
 _RULES: Final = ("speed_limit", "oob_tolerance")
 """Rules of a drive that a text with criteria may set, too."""
 _MAX_DIGITS: Final = 9
-"""Most digits of a number of workers that is converted: far more than `MAX_WORKERS` has."""
+"""Largest number of digits that are converted to a number of workers; `MAX_WORKERS` has 4."""
 
 
 def read_class(roads: str | Mapping[str, Any]) -> RoadClass | None:

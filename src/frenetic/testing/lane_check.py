@@ -31,9 +31,9 @@ from frenetic.spec import Spec
 _MAX_FAILURES: Final = 20
 """Number of failures that end a search; our choice."""
 _MAX_CAUSES: Final = 3
-"""Most causes that a failure message names, each with a shortened road; our choice."""
+"""Largest number of causes that a failure message names, each with a shortened road; our choice."""
 _MINIMISING_DRIVES: Final = 100
-"""Most drives that shorten the road of a cause; our choice."""
+"""Largest number of drives that shorten the road of a cause; our choice."""
 _VISIBLE_CUT: Final = 0.5  # [m] by which a road has to be shorter for the message to say so
 _REMEDY: Final = "let pytest write there"
 _DIGEST_LENGTH: Final = 8  # characters of the digest in a road file's name

@@ -28,7 +28,7 @@ from frenetic.testing.lane_check import LaneCheck, short_digest
 FOLDER: Final = "failing-roads"
 """Name of the folder beside a test's file for the roads on which it failed."""
 _MAX_NAME: Final = 60
-"""Most characters of a module's name, and of a test's name, in a road file's name; our choice."""
+"""Largest number of characters of a module's or test's name in a road file's name; our choice."""
 _PLAIN_STEM: Final = re.compile(rf"[a-z0-9_]{{1,{_MAX_NAME}}}-[a-z0-9_]{{1,{_MAX_NAME}}}")
 """Module and test in a form in which they can stand in file names on all systems."""
 _UNSAFE: Final = re.compile(r"[^A-Za-z0-9_.]+")

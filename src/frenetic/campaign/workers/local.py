@@ -29,8 +29,11 @@ from frenetic.simulators.capabilities import capabilities
 MAX_STARTS: Final = 3
 """Number of consecutive failed starts after which a worker is given up (our choice)."""
 MAX_QUEUED: Final = 4
-"""Most candidates that a worker with quick tests has, including the one that it drives (our
-choice): a worker that waits for a candidate costs more than a fresher proposal gains."""
+"""Largest number of candidates that a worker with quick tests has (our choice).
+
+The candidate that it drives counts, too. Waiting for a candidate costs more than a fresher proposal
+gains.
+"""
 QUICK_TEST_TIME: Final = 0.01
 """Longest time of a quick test, in s (our choice); a worker with slower tests has one candidate at
 a time."""

@@ -75,7 +75,7 @@ _CAMERA_RANGE: Final = (0.05, 2000.0)
 _START_POLL_INTERVAL: Final = 0.5
 """Time between two attempts to connect to a BeamNG.tech that starts, in s; our choice."""
 _MAX_LISTED_NAMES: Final = 20
-"""Most names that an error lists."""
+"""Largest number of names that an error lists."""
 # Front, then rear; each bottom left, bottom right, top left, top right.
 _CORNERS: Final = tuple(
     f"{end}_{height}_{side}"

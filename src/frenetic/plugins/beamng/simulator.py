@@ -52,7 +52,7 @@ _MEASURED_INPUT: Final = 0.25
 _MEASURED_SPEED: Final = 3.0
 """Speed up to which the car accelerates before, in m/s."""
 _SPEED_UP_TIME: Final = 10.0
-"""Most simulated time for accelerating, in s."""
+"""Longest simulated time for accelerating, in s."""
 _SPEED_UP_THROTTLE: Final = 0.3
 _MEASURING_TIME: Final = 1.0
 """Simulated time on the circle, in s."""
@@ -158,7 +158,7 @@ class BeamngSimulator:
 
     @property
     def workers_at_most(self) -> int | None:
-        """Most workers at once: a BeamNG.tech that is running serves one, others are started."""
+        """Largest number of workers; a running BeamNG.tech serves the first, others are started."""
         return 1 if self.place["home"] is None else None
 
     @property

@@ -19,7 +19,7 @@ from frenetic.parts.registry import STRATEGIES
 PATH_OPTIONS = ("path", "copy", "pipeline", "python")
 """Options of a generator, all paths."""
 MAX_NAME_LENGTH = 60
-"""Most letters of an entrant's name; our choice."""
+"""Largest number of letters of an entrant's name; our choice."""
 _PIPELINE_FILES = ("code_pipeline/executors.py", "self_driving/simulation_data.py")
 """Files by which a clone of the pipeline is recognised."""
 

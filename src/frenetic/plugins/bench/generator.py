@@ -26,9 +26,9 @@ ONE_THREAD: Final = {"OMP_NUM_THREADS": "1"}
 Variables that the user has set win.
 """
 MAX_LOG_SIZE: Final = 10 * 1024 * 1024
-"""Most bytes kept of a generator's output; our choice."""
+"""Largest number of bytes kept of a generator's output; our choice."""
 MAX_MESSAGE_SIZE: Final = 32 * 1024 * 1024
-"""Most bytes of a line that the process sends; our choice.
+"""Largest number of bytes of a line that the process sends; our choice.
 
 A longer line is cut, so it is no JSON object.
 """

@@ -47,7 +47,7 @@ ORPHANED = 3
 BUDGET_SPENT = 123
 """Exit code by which the pipeline ends a generator whose budget is spent."""
 MAX_POINTS = 10_000
-"""Most road points sent to the bench; a road of more than 500 is invalid anyway."""
+"""Largest number of road points sent to the bench; a road of more than 500 is invalid anyway."""
 STAND_INS = Path(__file__).resolve().parent / "standins"
 """Folder of modules that stand in for the pipeline's."""
 EXECUTORS = "code_pipeline.executors"

@@ -27,7 +27,7 @@ from frenetic.search.strategy import Ledger
 OPERATOR: Final = "generator"
 """Operator in the origin of a generator's roads."""
 MAX_CLOSING_TIME: Final = 60.0
-"""Most wall time that a generator may take to end after its budget is spent, in s; our choice."""
+"""Longest wall time in which a generator may end after its budget is spent, in s; our choice."""
 WRONG_TYPE: Final = "Wrong type"
 """The pipeline's message about an object that is no road test, or has no points."""
 

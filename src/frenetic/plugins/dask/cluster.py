@@ -50,9 +50,9 @@ except ModuleNotFoundError as error:
 RESOURCE: Final = "simulator"
 """Name of a Dask worker's resource; it has as many units as it drives roads at once."""
 CONNECT_LIMIT: Final = 10.0
-"""Most time to reach the scheduler, in s; our choice."""
+"""Longest time to reach the scheduler, in s; our choice."""
 NO_SEATS_LIMIT: Final = 60.0
-"""Most time that a campaign waits for a worker with the resource, in s; our choice."""
+"""Longest time that a campaign waits for a worker with the resource, in s; our choice."""
 LISTING_INTERVAL: Final = 1.0
 """Time between two listings of the cluster's workers, in s; our choice."""
 _POLL_INTERVAL: Final = 0.002  # [s] between two checks for finished tests

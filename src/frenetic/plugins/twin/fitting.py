@@ -40,7 +40,7 @@ class _FitStage:
     drives: int
     """Number of drives that are compared, as `thinned` takes it."""
     steps: int
-    """Most steps."""
+    """Largest number of steps."""
     slope_width: float
     """First distance of the unit values between which slopes are taken."""
 

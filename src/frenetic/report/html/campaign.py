@@ -46,9 +46,9 @@ Such a function takes a campaign's configuration, and returns a function of a te
 test's `Film`, or None.
 """
 DRIVES_SIZE: Final = 3_500_000
-"""Most bytes of JSON for all drives of a page; our choice."""
+"""Largest number of bytes of JSON for all drives of a page; our choice."""
 FILMS_SIZE: Final = 3_000_000
-"""Most bytes of all films of a page; our choice."""
+"""Largest number of bytes of all films of a page; our choice."""
 REPORT: Final = "report.html"
 """Name of the report in a campaign's folder."""
 _HEAD_SIZE: Final = 1024

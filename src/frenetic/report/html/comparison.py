@@ -34,9 +34,9 @@ from frenetic.report.html.page import (
 )
 
 MOST_TILES: Final = 8
-"""Most groups in the headline; our choice."""
+"""Largest number of groups in the headline; our choice."""
 POINTS: Final = 400
-"""Most points of a curve; our choice."""
+"""Largest number of points of a curve; our choice."""
 COLOURS: Final = 8
 """Number of colours of groups; further groups repeat them with dashed lines and hollow marks."""
 _END_WIDTH: Final = 14.0

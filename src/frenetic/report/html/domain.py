@@ -9,7 +9,7 @@ from frenetic.analysis.coverage import ROADS, Cells, DomainCoverage
 from frenetic.report.html.page import Block, DataBlock, Section, Table, percent, proper
 
 LISTED: Final = 12
-"""Most cells without a drive that the page names; our choice."""
+"""Largest number of cells without a drive that the page names; our choice."""
 
 _SHADES: Final = (0.0, 0.02, 0.05, 0.1, 0.25)
 """Failing shares above which a cell gets the next darker shade; our choice."""

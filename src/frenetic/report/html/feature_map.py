@@ -23,7 +23,7 @@ MAPPED: Final = 3000
 MAPPED_PASSED: Final = 1000
 """Least number of passed tests in the map, if there are as many; our choice."""
 MAPPED_FAILURES: Final = 10_000
-"""Most failures in the map: nearly always all, so that no cell hides one; our choice."""
+"""Largest number of failures in the map: nearly always all, so none is hidden; our choice."""
 CELLS: Final = 10
 """Approximate number of cells on an axis; our choice."""
 

@@ -29,7 +29,7 @@ from frenetic.search.records import Origin
 RATE: Final = 10.0
 """Rate of a drive's records in a page, in Hz; our choice."""
 MOST_RECORDS: Final = 1500
-"""Most records of a drive in a page; our choice."""
+"""Largest number of records of a drive in a page; our choice."""
 
 COLUMNS: Final[Mapping[str, float]] = {
     "time": 0.01,  # [s]

@@ -15,7 +15,7 @@ from frenetic.report.html.page import Chart, Section, Series, percent
 from frenetic.report.html.tests import TestSummary
 
 POINTS: Final = 1200
-"""Most points of a curve; our choice."""
+"""Largest number of points of a curve; our choice."""
 EXPECTED: Final = "failures if all roads were random"
 """Name of the line of the random expectation."""
 

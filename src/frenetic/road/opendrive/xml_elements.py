@@ -15,7 +15,7 @@ from frenetic.errors import RoadError
 from frenetic.road.road_values import MAX_COORDINATE
 
 MAX_ELEMENTS: Final = 1_000_000
-"""Most elements of a file; our choice: a map of a town has 200,000."""
+"""Largest number of elements of a file; our choice: a map of a town has 200,000."""
 
 
 class _Tree(ElementTree.TreeBuilder):
