@@ -86,7 +86,7 @@ def rate_words(rate: float | None) -> str:
     return f"{number:.{0 if number >= 100.0 else 1}f} tests/{unit}"
 
 
-def simulated_time(seconds: float | None) -> float | None:
+def rounded_seconds(seconds: float | None) -> float | None:
     """Return a time in s, rounded for JSON and tables: 9.45 in place of 9.450000000000001."""
     return None if seconds is None else round(seconds, 6)
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 import click
 
-from frenetic._support.words import counted, oob_unit, simulated_time
+from frenetic._support.words import counted, oob_unit, rounded_seconds
 from frenetic.cli import echo
 from frenetic.cli.console import print_facts, print_table, shell, two_digits
 from frenetic.cli.drive_facts import facts_of_drive, limit_of_search, limit_text
@@ -152,7 +152,7 @@ def _list_tests(
             "result_number": test.result_number,
             "outcome": str(test.outcome),
             "moobd": test.moobd,
-            "duration": simulated_time(test.result.duration),
+            "duration": rounded_seconds(test.result.duration),
             "operator": test.candidate.origin.operator,
             "reason": test.reason,
             "features": {name: _finite(values.get(name)) for name in names},

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, Final, Literal, TypeAlias, get_args
 import numpy as np
 from msgspec import to_builtins
 
-from frenetic._support.words import pip_install, simulated_time
+from frenetic._support.words import pip_install, rounded_seconds
 from frenetic.analysis.groups import find_campaigns
 from frenetic.campaign.campaign import Campaign
 from frenetic.campaign.columns import TEST_COLUMNS, value_at
@@ -227,7 +227,7 @@ def _row_of(test: Test) -> dict[str, Any]:
     candidate, departure = test.candidate, test.departure
     curvatures = candidate.curvatures
     row["outcome"] = str(test.outcome)
-    row["duration"] = simulated_time(test.result.duration)
+    row["duration"] = rounded_seconds(test.result.duration)
     row["curvatures"] = np.array(curvatures)
     row["parents"] = np.array(candidate.origin.parents, np.int64)
     row["length"] = max(len(curvatures) - 1, 0) * candidate.step
@@ -236,7 +236,7 @@ def _row_of(test: Test) -> dict[str, Any]:
         row[name] = to_builtins(row[name]) or None
     if departure is not None:
         row |= {f"departure_{name}": getattr(departure, name) for name in _DEPARTURE}
-        row["departure_time"] = simulated_time(departure.time)
+        row["departure_time"] = rounded_seconds(departure.time)
     row |= {f"{_CONDITION}{name}": amount for name, amount in candidate.conditions.items()}
     # A road has also the profiles that follow from its class; a refused candidate may have no road.
     has_road = test.pose is not None and len(curvatures) > 1

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import TYPE_CHECKING, Any
 
-from frenetic._support.words import simulated_time
+from frenetic._support.words import rounded_seconds
 from frenetic.criteria.criterion import SIGNALS, Criterion, signal_named
 from frenetic.oracle.signals import Measurement, measure, worst
 from frenetic.oracle.verdict import locate_drive
@@ -47,7 +47,7 @@ def measures_json(road: Road, drive: Drive) -> list[dict[str, Any]]:
                 "unit": signal_named(name).unit,
                 "value": measurement.value,
                 "side": measurement.side,
-                "time": simulated_time(float(located.path.time[measurement.record])),
+                "time": rounded_seconds(float(located.path.time[measurement.record])),
                 "distance": measurement.distance,
                 "window": measurement.criterion.window,
                 "limit": None if limit is None else limit.limit,

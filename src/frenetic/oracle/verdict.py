@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, Final, Literal, TypeAlias
 import numpy as np
 
 from frenetic._support.bounds import Finite, NotNegative, Share
-from frenetic._support.words import simulated_time
+from frenetic._support.words import rounded_seconds
 from frenetic.criteria.criterion import DRIVER, LANE, CriteriaSet, signal_named
 from frenetic.errors import Fault, FreneticError, Trouble
 from frenetic.oracle.assessment import LEFT_LANE, REACHED, STUCK, TIMED_OUT, Assessment, assess
@@ -114,9 +114,9 @@ class Result:
     def as_json(self) -> dict[str, Any]:
         """Return the fields, for JSON."""
         findings = [
-            asdict(finding) | {"time": simulated_time(finding.time)} for finding in self.findings
+            asdict(finding) | {"time": rounded_seconds(finding.time)} for finding in self.findings
         ]
-        return asdict(self) | {"duration": simulated_time(self.duration), "findings": findings}
+        return asdict(self) | {"duration": rounded_seconds(self.duration), "findings": findings}
 
 
 def _rounded_up(share: float) -> str:

@@ -12,7 +12,7 @@ from typing import Any, Final
 
 from frenetic._support.files import replacing
 from frenetic._support.json_value import JSONValue
-from frenetic._support.words import simulated_time
+from frenetic._support.words import rounded_seconds
 from frenetic.campaign.database import DATABASE
 from frenetic.campaign.record import Test
 from frenetic.campaign.store import CampaignStore
@@ -51,8 +51,8 @@ def verdict_entries(result: Result) -> dict[str, Any]:
         "description": result.reason,
         "moobd": result.moobd,
         "max_oob_share": result.max_oob_share,
-        "duration": simulated_time(result.duration),
-        "departure": departure and asdict(departure) | {"time": simulated_time(departure.time)},
+        "duration": rounded_seconds(result.duration),
+        "departure": departure and asdict(departure) | {"time": rounded_seconds(departure.time)},
         "findings": result.as_json()["findings"],
     }
 

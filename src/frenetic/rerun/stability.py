@@ -15,7 +15,7 @@ from functools import cached_property
 from typing import Final
 
 from frenetic._support.json_value import JSONValue
-from frenetic._support.words import counted, simulated_time
+from frenetic._support.words import counted, rounded_seconds
 from frenetic.analysis.statistics import SIGNIFICANT, holm, proportion_interval, spearman
 from frenetic.campaign.record import Test
 from frenetic.campaign.second_drive import Match
@@ -316,7 +316,7 @@ def _verdict_json(test: Test) -> dict[str, JSONValue]:
         "outcome": str(test.outcome),
         "reason": test.reason,
         "moobd": test.moobd,
-        "duration": simulated_time(test.result.duration),
+        "duration": rounded_seconds(test.result.duration),
         "departure_distance": None if departure is None else departure.distance,
         "departure_side": None if departure is None else departure.side,
     }
