@@ -113,7 +113,7 @@ class Counts:
         return MappingProxyType(numbers)
 
     @property
-    def broken(self) -> str:
+    def broken_text(self) -> str:
         """Number of drives in which the simulator broke, in words; empty if in no drive."""
         if not self.errors:
             return ""

@@ -26,8 +26,8 @@ def print_failures(clusters: Clusters, counts: Counts, listed: int, lane_width: 
         listed: number of clusters to print.
         lane_width: width of the lane, in m.
     """
-    if counts.broken and not counts.failures:
-        ResultsConsole().print(capitalised(counts.broken), style="bold", markup=False)
+    if counts.broken_text and not counts.failures:
+        ResultsConsole().print(capitalised(counts.broken_text), style="bold", markup=False)
     if not clusters:
         return
     if counts.failures:
@@ -38,7 +38,7 @@ def print_failures(clusters: Clusters, counts: Counts, listed: int, lane_width: 
     else:
         heading = "where the car came nearest to leaving its lane"
         title = f"The nearest {'miss' if len(clusters) == 1 else 'misses'}"
-        if not counts.broken:
+        if not counts.broken_text:
             title = f"Nothing failed; {title.lower()}"
     ResultsConsole().print(title, style="bold", markup=False)
     listed_clusters = clusters.clusters[:listed]
@@ -78,8 +78,8 @@ def print_causes(clusters: Clusters, counts: Counts, shortened: Mapping[int, Tes
         counts: counts of the campaign; possibly with more failures than were compared.
         shortened: ID of a test -> drive on its minimised road.
     """
-    if counts.broken:
-        ResultsConsole().print(capitalised(counts.broken), style="bold", markup=False)
+    if counts.broken_text:
+        ResultsConsole().print(capitalised(counts.broken_text), style="bold", markup=False)
     if not clusters:
         return
     title = f"{counted(len(clusters.causes), 'cause')} of "

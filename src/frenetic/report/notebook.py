@@ -96,7 +96,7 @@ def _failures_to_show(store: CampaignStore) -> tuple[str, list[SheetItem]]:
     title = f"{counted(len(clusters), 'distinct failure')} among {failures}"
     if not counts.failed:
         clusters = nearest_misses(store, FAILURES)
-        title = capitalised(counts.broken) or "No failure"
+        title = capitalised(counts.broken_text) or "No failure"
         title += "; the nearest misses" if clusters else ""
     items: list[SheetItem] = []
     for cluster in clusters.clusters[:FAILURES]:

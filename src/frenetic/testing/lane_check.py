@@ -119,7 +119,7 @@ class LaneCheck:
 
             summary = campaign.run(on_event=on_event)
             if summary.errors and not summary.failed:
-                raise FreneticError(summary.broken)
+                raise FreneticError(summary.broken_text)
             if not summary.failed:
                 if summary.interrupted:
                     self.notices.append(

@@ -52,7 +52,7 @@ def gallery_section(
     if counts.failed:
         blocks = (_causes(clusters, drives), gallery) if clusters.causes else (gallery,)
         return Section("failures", "Failures", blocks, _lead(clusters, counts.failures, data))
-    lead = f"{capitalised(counts.broken) or 'No failure was found'}."
+    lead = f"{capitalised(counts.broken_text) or 'No failure was found'}."
     if not data:
         return Section("failures", "Failures", (), lead)
     lead += (

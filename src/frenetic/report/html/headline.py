@@ -43,14 +43,15 @@ Many late failures mean that more drives would find more.
 def title_of(clusters: Clusters, counts: Counts) -> str:
     """Return the title of a campaign's report: what it found in how many simulations."""
     if counts.errors and not counts.failed:
-        return capitalised(counts.broken)
+        return capitalised(counts.broken_text)
     text = "No failure"
     if counts.failed:
         distinct = counted(len(clusters), "distinct failure")
         least = "at least " if clusters.failures < counts.failures else ""
         text = f"{counted(len(clusters.causes), 'cause')} of {least}{distinct}"
-    broken = f"; {counts.broken}" if counts.errors else ""
-    return f"{text} in {counted(counts.simulations, 'simulation')}{broken}"
+    simulations = counted(counts.simulations, "simulation")
+    broken_text = f"; {counts.broken_text}" if counts.errors else ""
+    return f"{text} in {simulations}{broken_text}"
 
 
 def headline(
