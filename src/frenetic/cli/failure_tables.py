@@ -70,13 +70,13 @@ def _distance_column(clusters: Sequence[Cluster], lane_width: float) -> tuple[st
     return f">{noun} ({oob_unit(lane_width)})", 1.0
 
 
-def print_causes(clusters: Clusters, counts: Counts, shortened: Mapping[int, Test]) -> None:
+def print_causes(clusters: Clusters, counts: Counts, minimised: Mapping[int, Test]) -> None:
     """Print a table of the causes of failures.
 
     Args:
         clusters: the distinct failures.
         counts: counts of the campaign; possibly with more failures than were compared.
-        shortened: ID of a test -> drive on its minimised road.
+        minimised: ID of a test -> drive on its minimised road.
     """
     if counts.broken_text:
         ResultsConsole().print(capitalised(counts.broken_text), style="bold", markup=False)
@@ -97,16 +97,16 @@ def print_causes(clusters: Clusters, counts: Counts, shortened: Mapping[int, Tes
                 len(cause.clusters),
                 cause.words,
                 f"test {cause.example}",
-                _shortened_text(shortened.get(cause.example)),
+                _minimised_text(minimised.get(cause.example)),
             )
             for cause in clusters.causes
         ],
     )
 
 
-def _shortened_text(shortened: Test | None) -> str | None:
-    """Return to which length a failing road was shortened; None without a shortened road."""
-    return None if shortened is None else f"cut to {shortened.road.length:.0f} m"
+def _minimised_text(minimised: Test | None) -> str | None:
+    """Return the length of a minimised road in words; None without a minimised road."""
+    return None if minimised is None else f"cut to {minimised.road.length:.0f} m"
 
 
 def first_error(store: CampaignStore) -> str:
@@ -130,14 +130,14 @@ def clusters_json(clusters: Clusters) -> list[dict[str, Any]]:
     ]
 
 
-def causes_json(clusters: Clusters, shortened: Mapping[int, Test]) -> list[dict[str, Any]]:
+def causes_json(clusters: Clusters, minimised: Mapping[int, Test]) -> list[dict[str, Any]]:
     """Return causes of failures as JSON objects.
 
     Args:
         clusters: the distinct failures.
-        shortened: ID of a test -> drive on its minimised road.
+        minimised: ID of a test -> drive on its minimised road.
     """
-    lengths = {test_id: test.road.length for test_id, test in shortened.items()}
+    lengths = {test_id: test.road.length for test_id, test in minimised.items()}
     return [
         {
             "cause": cause.words,

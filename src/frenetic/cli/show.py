@@ -72,7 +72,7 @@ MAX_TESTS: Final = 20
     help="List the tests by severity (lowest MOOBD first), tested (as their results came),"
     " duration, or a feature or condition (largest first). [default: severity]",
 )
-@count_option("--limit", "List N tests at most. [default: 20; with --json all]")
+@count_option("--limit", f"List N tests at most. [default: {MAX_TESTS}; with --json all]")
 @click.option(
     "--follow",
     is_flag=True,
@@ -142,10 +142,9 @@ def _list_tests(
     with as_usage_error():
         tests = list_tests(store, outcomes=outcomes, within=ranges, sort=sort)
     listed = tests[:limit]
-    columns = dict.fromkeys(ranges)
-    if sort not in ORDERS:  # it is a feature or condition
-        columns[sort] = None
-    names = list(columns)
+    names = list(ranges)  # features and conditions with a column
+    if sort not in ORDERS and sort not in names:  # sorted by another feature or condition
+        names.append(sort)
     rows: list[dict[str, Any]] = [
         {
             "id": test.id,
@@ -155,7 +154,7 @@ def _list_tests(
             "duration": rounded_seconds(test.result.duration),
             "operator": test.candidate.origin.operator,
             "reason": test.reason,
-            "features": {name: _finite(values.get(name)) for name in names},
+            "features": {name: _json_value(values.get(name)) for name in names},
         }
         for test, values in listed
     ]
@@ -207,8 +206,8 @@ def _print_tests(rows: Sequence[Mapping[str, Any]], names: Sequence[str], moobd_
     )
 
 
-def _finite(value: float | None) -> float | None:
-    """Return a value for JSON, which has no infinity: None stands for it."""
+def _json_value(value: float | None) -> float | None:
+    """Return a value for JSON: None for infinity, the amount of an unlimited view."""
     return None if value == math.inf else value
 
 
@@ -221,13 +220,13 @@ def _show_campaign(store: CampaignStore, as_json: bool) -> None:
     counts, setting = store.counts(), store.setting
     clusters = distinct_failures(store)
     listed_clusters = clusters if counts.failed else nearest_misses(store)
-    shortened = minimised_drives(store, [cause.example for cause in clusters.causes])
+    minimised = minimised_drives(store, [cause.example for cause in clusters.causes])
     coverage = domain_coverage(setting, store.tests())
     if as_json:
         document = {
             "folder": str(store.folder),
             **counts.counts_json(),
-            "causes": causes_json(clusters, shortened),
+            "causes": causes_json(clusters, minimised),
             "distinct_failures": clusters_json(clusters),
             "near_misses": [] if counts.failed else clusters_json(listed_clusters),
             "coverage": None if coverage is None else coverage.as_json(),
@@ -238,7 +237,7 @@ def _show_campaign(store: CampaignStore, as_json: bool) -> None:
         return
     print_facts(_facts_of_campaign(store, counts))
     if counts.failed:
-        print_causes(clusters, counts, shortened)
+        print_causes(clusters, counts, minimised)
         echo()
     print_failures(listed_clusters, counts, min(LISTED, len(listed_clusters)), setting.lane_width)
     if coverage is not None:
@@ -297,7 +296,7 @@ def _facts_of_campaign(store: CampaignStore, counts: Counts) -> list[tuple[str, 
 
 
 def _budget(store: CampaignStore) -> str:
-    """Return the budget of a campaign as a text, and whether the campaign ended before."""
+    """Return the budget of a campaign, and whether it was interrupted or has not finished."""
     from frenetic.campaign.stored_spec import stored_budget
 
     facts = store.facts
@@ -396,12 +395,29 @@ def _origin_text(store: CampaignStore, test: Test) -> str:
     return f"{text}, generation {origin.generation}"
 
 
+def _minimised_text(store: CampaignStore, test_id: int) -> str:
+    """Return the length and file of a test's minimised road; empty if it was not minimised."""
+    from frenetic.report.minimised import minimised_drives, minimised_road
+
+    minimised = minimised_drives(store, [test_id]).get(test_id)
+    if minimised is None:
+        return ""
+    return f"{minimised.road.length:.1f} m, {minimised_road(store.folder, test_id)}"
+
+
+def _objective_value_text(store: CampaignStore, test: Test) -> str:
+    """Return a test's value of the campaign's objective; empty for the MOOBD or without a drive."""
+    from frenetic.campaign.objective_values import value_text
+
+    if test.objective is None:
+        return ""
+    return value_text(str(store.config.get("objective")), test.objective)
+
+
 def _show_test(store: CampaignStore, test_id: int, as_json: bool) -> None:
     """Draw a test, and print everything that is known about it."""
-    from frenetic.campaign.objective_values import value_text
     from frenetic.campaign.stored_spec import signed_driving
     from frenetic.report.failures import road_document
-    from frenetic.report.minimised import minimised_drives, minimised_road
 
     test = store.test(test_id)
     result_number, own_conditions = test.result_number, test.candidate.conditions
@@ -410,12 +426,6 @@ def _show_test(store: CampaignStore, test_id: int, as_json: bool) -> None:
         document = road_document(test, store.config, signed_driving(store))
         echo(json.dumps(document | {"picture": picture, "result_number": result_number}))
         return
-    minimised_text = objective_text = ""
-    if (minimised := minimised_drives(store, [test_id]).get(test_id)) is not None:
-        file = minimised_road(store.folder, test_id)
-        minimised_text = f"{minimised.road.length:.1f} m, {file}"
-    if test.objective is not None:
-        objective_text = value_text(str(store.config.get("objective")), test.objective)
     number_text = "" if result_number == test_id else f", result {result_number}"
     print_facts(
         [
@@ -426,10 +436,10 @@ def _show_test(store: CampaignStore, test_id: int, as_json: bool) -> None:
             ("conditions", conditions_text({**_conditions(store), **own_conditions})),
             ("road", test.road.as_text()),
             ("limit", limit_text(store.setting, test.road, own_conditions)),
-            ("minimised", minimised_text),
+            ("minimised", _minimised_text(store, test_id)),
             ("driver", _part_text(store.config, "driver")),
             *facts_of_drive(test.result, test.result.duration, test.road.lane_width),
-            ("objective", objective_text),
+            ("objective", _objective_value_text(store, test)),
             ("curvatures", " ".join(f"{value:.4f}" for value in test.road.curvatures)),
             ("picture", picture),
         ]
