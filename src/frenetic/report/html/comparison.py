@@ -28,6 +28,7 @@ from frenetic.report.html.page import (
     Section,
     Series,
     Table,
+    Tile,
     command,
     proper,
     write_page,
@@ -176,7 +177,7 @@ def _headline(comparison: Comparison, lead: str) -> DataBlock:
             "lead": " ".join(text for text in (lead, findings(comparison)) if text),
             "warning": " ".join(f"{capitalised(note)}." for note in comparison.notes),
             "tiles": [
-                (f"{by.positions[name]}. {name}", by.median(name), by.quartile_range(name), "")
+                Tile(f"{by.positions[name]}. {name}", by.median(name), by.quartile_range(name))
                 for name in by.order[:MOST_TILES]
             ],
             "facts": facts,

@@ -28,16 +28,17 @@ from frenetic.campaign.summary import facts_text
 from frenetic.campaign.warm_start import still_failing
 from frenetic.conditions.condition import as_text
 from frenetic.parts.records import innermost, short_version
-from frenetic.report.html.page import DataBlock, percent
+from frenetic.report.html.page import DataBlock, Tile, percent
 from frenetic.rerun.estimate import FailureRate
 from frenetic.spec.part_text import recorded_part
-from frenetic.spec.parts import PARTS
 
 _LATE_SHARE: Final = 0.8
-"""Share of the tests after which failures are late; our choice.
+"""Share of the candidates after which a distinct failure is seen late; our choice.
 
 Many late failures mean that more drives would find more.
 """
+_LATE_TEXT: Final = "first seen in the last fifth"
+"""What the report says of late failures; its fraction is 1 - `_LATE_SHARE`."""
 
 
 def title_of(clusters: Clusters, counts: Counts) -> str:
@@ -65,84 +66,101 @@ def headline(
         counts: counts of the tests.
         trouble: a further warning for the reader; empty without one.
     """
-    config, facts = store.config, store.facts
-    strategy, driver, simulator = (recorded_part(config, kind) for kind in PARTS)
-    criteria, seed = criteria_text(store), config.get("seed")
-    warnings = [not_repeatable(facts), str(facts.get("notice", "")), caution(store)]
-    if facts.get("interrupted"):
-        warnings.insert(
-            0, f"interrupted before its budget was spent; go on: {resume_command(store)}"
-        )
-    elif "finished_at" not in facts:
-        killed = f"if it was killed, go on: {resume_command(store)}"
-        warnings.insert(0, f"not finished: the campaign was still running, or was killed; {killed}")
-    road_class, domain = store.setting.road_class, store.setting.domain
-    estimate = None if domain is None else FailureRate.read(store.folder)
-    version = short_version(innermost(config.get("driver")))
-    facts_shown = {
-        "campaign": str(store.folder),
-        "roads": "" if road_class is None else road_class.as_text(),
-        "domain": "" if domain is None else domain.as_text(),
-        "conditions": as_text(store.setting.conditions),
-        "how often it fails": "" if estimate is None else estimate.as_text(),
-        "criteria": criteria,
-        "objective": objective_text(store),
-        "starts from": "; ".join(map(str, earlier_of(config))),
-        "known before": still_failing(store),
-        "search": facts_text(facts.get(SEARCH_FACTS)),
-        "driver": f"{driver}, {version}" if version else "",
-        "finished": _date_and_time(facts.get("finished_at")),
-    }
+    strategy = recorded_part(store.config, "strategy")
+    driver = recorded_part(store.config, "driver")
+    simulator = recorded_part(store.config, "simulator")
+    seed = store.config.get("seed")
+    or_criterion = " or exceeds another criterion" if criteria_text(store) else ""
+    warnings = [f"{capitalised(warning)}." for warning in _warnings(store)]
     return DataBlock(
         "headline",
         {
-            "lead": f"{strategy} searched for roads on which {driver} leaves its lane"
-            f"{' or exceeds another criterion' if criteria else ''} in {simulator},"
-            f" seed {'unknown' if seed is None else seed}.",
-            "warning": " ".join(
-                [*(f"{capitalised(warning)}." for warning in warnings if warning), trouble]
-            ),
+            "lead": f"{strategy} searched for roads on which {driver} leaves its lane{or_criterion}"
+            f" in {simulator}, seed {'unknown' if seed is None else seed}.",
+            "warning": " ".join([*warnings, trouble]),
             "tiles": list(_tiles(store, clusters, counts)),
-            "facts": {name: value for name, value in facts_shown.items() if value},
+            "facts": {label: text for label, text in _labelled_texts(store) if text},
         },
     )
 
 
-def _tiles(
-    store: CampaignStore, clusters: Clusters, counts: Counts
-) -> Iterator[tuple[str, str, str, str]]:
-    """Yield headline numbers: name, value, note, and the role of the colour or an empty text."""
-    failures, tests, min_moobd = counts.failures, counts.tests, counts.min_moobd
+def _warnings(store: CampaignStore) -> Iterator[str]:
+    """Yield warnings about a campaign: its early end first, then what limits its results."""
+    facts = store.facts
+    if facts.get("interrupted"):
+        yield f"interrupted before its budget was spent; go on: {resume_command(store)}"
+    elif "finished_at" not in facts:
+        yield (
+            "not finished: the campaign was still running, or was killed; if it was killed, go on:"
+            f" {resume_command(store)}"
+        )
+    for warning in (not_repeatable(facts), str(facts.get("notice", "")), caution(store)):
+        if warning:
+            yield warning
+
+
+def _labelled_texts(store: CampaignStore) -> Iterator[tuple[str, str]]:
+    """Yield what was searched, with what and how: labels and texts, some of which are empty."""
+    road_class, domain = store.setting.road_class, store.setting.domain
+    failure_rate = None if domain is None else FailureRate.read(store.folder)
+    driver = recorded_part(store.config, "driver")
+    version = short_version(innermost(store.config.get("driver")))
+    yield "campaign", str(store.folder)
+    yield "roads", "" if road_class is None else road_class.as_text()
+    yield "domain", "" if domain is None else domain.as_text()
+    yield "conditions", as_text(store.setting.conditions)
+    yield "how often it fails", "" if failure_rate is None else failure_rate.as_text()
+    yield "criteria", criteria_text(store)
+    yield "objective", objective_text(store)
+    yield "starts from", "; ".join(map(str, earlier_of(store.config)))
+    yield "known before", still_failing(store)
+    yield "search", facts_text(store.fact(SEARCH_FACTS))
+    yield "driver", f"{driver}, {version}" if version else ""
+    yield "finished", _date_and_time(store.fact("finished_at"))
+
+
+def _tiles(store: CampaignStore, clusters: Clusters, counts: Counts) -> Iterator[Tile]:
+    """Yield the numbers of the headline."""
+    failures, min_moobd = counts.failures, counts.min_moobd
     seconds: Any = store.facts.get("seconds", store.elapsed())
-    rate = rate_words(tests / seconds) if tests and seconds > 0.0 else ""
-    yield "simulations", str(counts.simulations), rate, ""
+    rate = rate_words(counts.tests / seconds) if counts.tests and seconds > 0.0 else ""
+    yield Tile("simulations", str(counts.simulations), rate)
     note = f"{percent(failures / counts.simulations)} of simulations" if failures else ""
     if counts.failing_repeats:
         note += f", and {counted(counts.failing_repeats, 'repeat')}"
-    yield "failures", str(failures), note, "fail" if failures else ""
-    notes = [f"{clusters.known} known before"] if earlier_of(store.config) else []
-    if len(clusters):
-        late = sum(cluster.ids[0] > _LATE_SHARE * tests for cluster in clusters)
-        notes.append(f"{late} of them first seen in the last fifth")
-    if clusters.failures < failures:
-        notes.append(f"among the {clusters.failures} most severe")
+    yield Tile("failures", str(failures), note, role="fail" if failures else "")
     role = "fail" if len(clusters) else ""
-    yield "distinct failures", str(len(clusters)), ", ".join(notes), role
-    yield "causes", str(len(clusters.causes)), "", role
+    note = _distinct_note(store, clusters, counts)
+    yield Tile("distinct failures", str(len(clusters)), note, role)
+    yield Tile("causes", str(len(clusters.causes)), role=role)
     if min_moobd is not None:
         is_outside = min_moobd < 0.0
         name = "furthest outside" if is_outside else "nearest to the lane's edge"
         inside = oob_words(min_moobd, store.lane_width)
         value = f"{-min_moobd:.2f} m" if is_outside else inside
-        yield name, value, f"MOOBD {signed(min_moobd)} m", ""
+        yield Tile(name, value, f"MOOBD {signed(min_moobd)} m")
     if counts.invalid:
-        note = f"{percent(counts.invalid / tests)} of tests"
-        yield "invalid roads", str(counts.invalid), note, ""
+        note = f"{percent(counts.invalid / counts.tests)} of tests"
+        yield Tile("invalid roads", str(counts.invalid), note)
     if counts.errors:
-        yield "errors", str(counts.errors), "", "error"
+        yield Tile("errors", str(counts.errors), role="error")
     if counts.dropped:
-        yield "dropped", str(counts.dropped), "before they were driven", ""
-    yield "wall time", format_duration(seconds), "min:s" if seconds < 3600.0 else "h:min:s", ""
+        yield Tile("dropped", str(counts.dropped), "before they were driven")
+    unit = "min:s" if seconds < 3600.0 else "h:min:s"
+    yield Tile("wall time", format_duration(seconds), unit)
+
+
+def _distinct_note(store: CampaignStore, clusters: Clusters, counts: Counts) -> str:
+    """Return how many distinct failures are known or late, and whether failures are left out."""
+    notes = [f"{clusters.known} known before"] if earlier_of(store.config) else []
+    if len(clusters):
+        last_early_id = _LATE_SHARE * counts.tests
+        first_ids = [cluster.ids[0] for cluster in clusters]
+        late = sum(first_id > last_early_id for first_id in first_ids)
+        notes.append(f"{late} of them {_LATE_TEXT}")
+    if clusters.failures < counts.failures:
+        notes.append(f"among the {clusters.failures} most severe")
+    return ", ".join(notes)
 
 
 def _date_and_time(value: object) -> str:

@@ -14,7 +14,7 @@ from functools import cache
 from importlib.metadata import PackageNotFoundError, version
 from importlib.resources import files
 from pathlib import Path
-from typing import Any, ClassVar, Final, TypeAlias
+from typing import Any, ClassVar, Final, NamedTuple, TypeAlias
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
@@ -43,6 +43,17 @@ class DataBlock:
     """Name of a macro in ``templates/blocks.html``, or of a function in the script."""
     data: Mapping[str, Any]
     """Data of the block: texts, numbers, and lists, mappings or dataclasses of these."""
+
+
+class Tile(NamedTuple):
+    """A number in the data of a ``headline`` block."""
+
+    name: str
+    value: str
+    note: str = ""
+    """Text under the value; empty without a note."""
+    role: str = ""
+    """Name of a colour of ``report.css``, ``fail`` or ``error``; empty for the usual colour."""
 
 
 @dataclass(frozen=True)
