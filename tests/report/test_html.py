@@ -27,6 +27,7 @@ from frenetic.analysis.features import FEATURES, features_of
 from frenetic.analysis.segments import segments_of
 from frenetic.analysis.statistics import proportion_interval
 from frenetic.campaign import Budget, Campaign, CampaignStore
+from frenetic.campaign.counts import Counts
 from frenetic.campaign.database import DATABASE
 from frenetic.cli import cli
 from frenetic.drivers import Planner
@@ -46,6 +47,7 @@ from frenetic.report.html import (
     write_report,
 )
 from frenetic.report.html.configuration import configuration_section
+from frenetic.report.html.headline import headline
 from frenetic.report.html.reading import Reading
 from frenetic.report.html.tests import COLUMNS, TestSummary, drive_columns
 from frenetic.report.html.timeline import POINTS, timeline_of
@@ -179,9 +181,9 @@ def test_the_headline_has_the_counts_of_the_campaign(searched: Path) -> None:
         counts = store.counts()
         clusters, worst_clusters = (distinct_failures(store, limit) for limit in (None, 3))
     report, sections = report_of(searched)
-    (headline,) = sections["summary"].blocks
-    assert isinstance(headline, DataBlock)
-    tiles = {label: (value, note) for label, value, note, _ in headline.data["tiles"]}
+    (block,) = sections["summary"].blocks
+    assert isinstance(block, DataBlock)
+    tiles = {label: (value, note) for label, value, note, _ in block.data["tiles"]}
     assert tiles["simulations"][0] == str(counts.simulations) == "150"
     share = f"{100.0 * counts.failures / counts.simulations:.1f}\u00a0% of simulations"
     assert counts.failing_repeats > 1
@@ -193,9 +195,19 @@ def test_the_headline_has_the_counts_of_the_campaign(searched: Path) -> None:
     assert tiles["causes"][0] == str(len(clusters.causes))
     assert ("invalid roads" in tiles) is (counts.invalid > 0)
     assert report.title.endswith(f" of {len(clusters)} distinct failures in 150 simulations")
-    assert headline.data["warning"] == ""
+    assert block.data["warning"] == ""
     some, _ = report_of(searched, clusters=worst_clusters)
     assert f" of at least {len(worst_clusters)} distinct failure" in some.title
+
+
+def test_dropped_candidates_count_where_the_headline_names_late_failures(searched: Path) -> None:
+    with CampaignStore.open(searched) as store:
+        first = distinct_failures(store)[0]
+        clusters = Clusters((replace(first, ids=(90,)),), threshold=1.0)
+        counts = Counts(passed=99, failed=1, dropped=100)
+        tiles = headline(store, clusters, counts).data["tiles"]
+    (note,) = (tile.note for tile in tiles if tile.name == "distinct failures")
+    assert note == "0 of them first seen in the last fifth"  # test 90 of 200 candidates
 
 
 def test_the_headline_says_the_conditions_of_all_drives(tmp_path: Path) -> None:
@@ -207,9 +219,9 @@ def test_the_headline_says_the_conditions_of_all_drives(tmp_path: Path) -> None:
         budget=Budget(simulations=2),
         folder=tmp_path,
     ).run()
-    (headline,) = report_of(tmp_path)[1]["summary"].blocks
-    assert isinstance(headline, DataBlock)
-    assert headline.data["facts"]["conditions"] == "noise 0.2 m"
+    (block,) = report_of(tmp_path)[1]["summary"].blocks
+    assert isinstance(block, DataBlock)
+    assert block.data["facts"]["conditions"] == "noise 0.2 m"
 
 
 def test_campaigns_without_results_have_a_report(searched: Path, tmp_path: Path) -> None:
@@ -218,10 +230,10 @@ def test_campaigns_without_results_have_a_report(searched: Path, tmp_path: Path)
         assert page_of(write_report(folder)).data["drives"] == []
         report, sections = report_of(folder)
         assert report.title == "No failure in 0 simulations"
-        (headline,) = sections["summary"].blocks
-        assert isinstance(headline, DataBlock)
-        assert headline.data["warning"].startswith("Not finished")
-        assert {role for *_, role in headline.data["tiles"]} == {""}  # 0 is no alarm
+        (block,) = sections["summary"].blocks
+        assert isinstance(block, DataBlock)
+        assert block.data["warning"].startswith("Not finished")
+        assert {role for *_, role in block.data["tiles"]} == {""}  # 0 is no alarm
 
 
 def test_a_campaign_without_failures_shows_its_nearest_misses(tmp_path: Path) -> None:
@@ -412,9 +424,9 @@ def test_the_most_informative_rerun_of_a_failure_is_shown(copied: tuple[Path, li
     for path in folder.glob(f"rerun/*/{DATABASE}"):
         with closing(sqlite3.connect(path)) as database, database:
             database.execute("UPDATE test SET outcome = 'MAYBE'")
-    (headline,) = report_of(folder)[1]["summary"].blocks
-    assert isinstance(headline, DataBlock)
-    assert "is damaged" in headline.data["warning"]
+    (block,) = report_of(folder)[1]["summary"].blocks
+    assert isinstance(block, DataBlock)
+    assert "is damaged" in block.data["warning"]
 
 
 def test_minimised_roads_are_shown(copied: tuple[Path, list[int]]) -> None:

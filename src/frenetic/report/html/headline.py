@@ -154,7 +154,8 @@ def _distinct_note(store: CampaignStore, clusters: Clusters, counts: Counts) -> 
     """Return how many distinct failures are known or late, and whether failures are left out."""
     notes = [f"{clusters.known} known before"] if earlier_of(store.config) else []
     if len(clusters):
-        last_early_id = _LATE_SHARE * counts.tests
+        # Candidates have ids from 1, also those that are dropped.
+        last_early_id = _LATE_SHARE * counts.result_count
         first_ids = [cluster.ids[0] for cluster in clusters]
         late = sum(first_id > last_early_id for first_id in first_ids)
         notes.append(f"{late} of them {_LATE_TEXT}")
