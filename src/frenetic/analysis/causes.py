@@ -29,7 +29,7 @@ from frenetic._support.arrays import FloatArray
 from frenetic.analysis.bends import bend_of_place, bends_of
 from frenetic.analysis.segments import Segment, segment_of
 from frenetic.criteria.criterion import DRIVER, EDGE_DISTANCE, LANE, signal_named
-from frenetic.oracle.assessment import RUNNING, STUCK, TIMED_OUT
+from frenetic.oracle.assessment import STUCK, TIMED_OUT
 from frenetic.oracle.drive import Drive
 from frenetic.oracle.outcome import Outcome
 from frenetic.oracle.verdict import Side, judge
@@ -79,11 +79,7 @@ class Kind(StrEnum):
     EXCEEDS = "exceeds the limit of {}"
 
 
-_KINDS_OF_ENDS: Final = {
-    STUCK: Kind.STANDS,
-    TIMED_OUT: Kind.SLOW,
-    RUNNING: Kind.STANDS,  # a fault of the driver ended the drive, which names the cause itself
-}
+_KINDS_OF_ENDS: Final = {STUCK: Kind.STANDS, TIMED_OUT: Kind.SLOW}
 """How a drive ended whose car stayed in its lane -> kind of the failure's cause."""
 
 
@@ -131,7 +127,8 @@ def cause_of(segment: Segment) -> Cause:
     if segment.criterion not in (None, LANE, DRIVER, EDGE_DISTANCE):
         return Cause(Kind.EXCEEDS, _side_of_bend(segment), segment.criterion)
     if segment.side is None:
-        return Cause(_KINDS_OF_ENDS[segment.assessment.end])
+        # A client of `frenetic ask-tell` may call any drive a failure.
+        return Cause(_KINDS_OF_ENDS.get(segment.assessment.end, Kind.STANDS))
     if len(segment.assessment.distance) < _MIN_RECORDS:
         return Cause(Kind.ASTRAY)
     return _cause_of_departure(segment, _gains_of(segment))
