@@ -113,8 +113,12 @@ def show(
         if is_list or test_id is not None:
             raise click.UsageError("--follow shows the whole campaign: leave out what shows tests")
         from frenetic.cli.follow import follow as follow_campaign
+        from frenetic.cli.follow import print_state
 
-        follow_campaign(campaign, as_json=as_json)
+        if as_json:
+            print_state(campaign)
+        else:
+            follow_campaign(campaign)
         return
     with CampaignStore.open(campaign) as store:
         if is_list:
