@@ -120,6 +120,8 @@ MISTAKES: Final = [
     ("show c --feature beauty=1:2", "'beauty'"),
     ("show c --feature bends=many", "'bends=many' is not NAME=LOW:HIGH"),
     ("show c --feature =1:2", "'=1:2' is not NAME=LOW:HIGH"),
+    ("show c --feature ''", "'' is not NAME=LOW:HIGH or NAME"),
+    ("show c --feature bends=4", "'bends=4' is not NAME=LOW:HIGH or NAME"),
     ("show c 1 --limit 3", "the ID of a test"),
     ("show c --limit 3 --follow", "--follow"),
     ("check nowhere", "nowhere does not exist"),

@@ -18,13 +18,8 @@ from frenetic.cli.command_options import CommandOptions
 from frenetic.cli.compare_versions import compare_versions
 from frenetic.cli.console import Log, print_table
 from frenetic.cli.entries import as_option, entry_option, trust_option, was_given
-from frenetic.cli.options import (
-    NewFile,
-    count_option,
-    file_option,
-    json_option,
-    workers_option,
-)
+from frenetic.cli.option_types import NewFile
+from frenetic.cli.options import count_option, file_option, json_option, workers_option
 from frenetic.errors import FreneticError
 
 if TYPE_CHECKING:

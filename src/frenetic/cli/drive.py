@@ -24,8 +24,8 @@ from frenetic.cli.drive_plan import (
     plan_for_map,
 )
 from frenetic.cli.entries import entry_option, entry_options, part_options, trust_option
+from frenetic.cli.option_types import NewFile
 from frenetic.cli.options import (
-    NewFile,
     file_option,
     json_option,
     lane_option,

@@ -61,7 +61,8 @@ def complete_names(
     return complete
 
 
-class _SpecOption(click.ParamType):  # type: ignore[type-arg]  # generic in click's newest only
+# ParamType takes a type parameter only from click 8.4 on.
+class _SpecOption(click.ParamType):  # type: ignore[type-arg]
     """Option type: a text read into a spec with one entry.
 
     Args:

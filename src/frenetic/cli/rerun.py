@@ -16,14 +16,12 @@ from frenetic.cli import echo
 from frenetic.cli.command_options import CommandOptions
 from frenetic.cli.console import Log, print_table, shell, two_digits
 from frenetic.cli.entries import part_options, trust_option
+from frenetic.cli.option_types import NamedRange, NewFile, range_type
 from frenetic.cli.options import (
-    NamedRange,
-    NewFile,
     campaign_argument,
     count_option,
     file_option,
     json_option,
-    range_type,
     workers_option,
 )
 from frenetic.cli.rerun_options import (

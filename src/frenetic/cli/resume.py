@@ -15,12 +15,8 @@ from frenetic._support.words import counted
 from frenetic.cli.command_options import CommandOptions, PartsSource
 from frenetic.cli.console import shell
 from frenetic.cli.entries import entry_option, trust_option
-from frenetic.cli.options import (
-    DURATION_TYPE,
-    as_usage_error,
-    campaign_argument,
-    json_option,
-)
+from frenetic.cli.option_types import DURATION_TYPE
+from frenetic.cli.options import as_usage_error, campaign_argument, json_option
 from frenetic.cli.rerun_options import campaign_source
 from frenetic.cli.search import fail_on_failure_option, make_campaign, search
 from frenetic.cli.simulator_place import moved, place_option

@@ -21,14 +21,8 @@ from frenetic.cli.failure_tables import (
     print_causes,
     print_failures,
 )
-from frenetic.cli.options import (
-    NamedRange,
-    as_usage_error,
-    campaign_argument,
-    count_option,
-    json_option,
-    range_type,
-)
+from frenetic.cli.option_types import NamedRange, range_type
+from frenetic.cli.options import as_usage_error, campaign_argument, count_option, json_option
 from frenetic.conditions.condition import as_text as conditions_text
 from frenetic.conditions.condition import condition_named
 from frenetic.errors import CampaignError, FreneticError

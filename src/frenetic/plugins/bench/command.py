@@ -33,13 +33,8 @@ from frenetic.cli.entries import (
     trust_option,
     was_given,
 )
-from frenetic.cli.options import (
-    WORKERS_TYPE,
-    as_usage_error,
-    count_option,
-    folder_option,
-    json_option,
-)
+from frenetic.cli.option_types import WORKERS_TYPE
+from frenetic.cli.options import as_usage_error, count_option, folder_option, json_option
 from frenetic.errors import FreneticError
 from frenetic.parts.trust import is_here
 
