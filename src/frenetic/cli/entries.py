@@ -120,12 +120,13 @@ def _declared_help(entry: str) -> Meta:
     return next(meta for meta in metas if isinstance(meta, Meta) and meta.description)
 
 
-def entry_option(entry: str, help: str = "") -> Decorator:  # noqa: A002
+def entry_option(entry: str, help: str = "", *, parameter: str = "") -> Decorator:  # noqa: A002
     """Return the option for an entry of a spec.
 
     Args:
         entry: name of the attribute of `Spec`.
         help: help of the option; by default the help in the entry's declaration.
+        parameter: name of the command's parameter; by default the name of the entry.
     """
     meta = _declared_help(entry)
     text = help or meta.description or ""
@@ -134,7 +135,7 @@ def entry_option(entry: str, help: str = "") -> Decorator:  # noqa: A002
         text += f" With options: {_EXAMPLES[entry]}."
     return click.option(
         f"--{_OPTION_NAMES.get(entry, entry).replace('_', '-')}",
-        entry,
+        parameter or entry,
         type=_SpecOption(entry),
         metavar=metavar,
         multiple=entry in _REPEATABLE,

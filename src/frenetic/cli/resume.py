@@ -25,6 +25,7 @@ from frenetic.parts.registry import SIMULATORS
 from frenetic.parts.trust import is_here
 from frenetic.spec import Budget, Spec
 
+# Modules that would slow down --help are imported inside functions.
 if TYPE_CHECKING:
     from frenetic.campaign import CampaignStore
     from frenetic.campaign.counts import Counts
@@ -37,7 +38,7 @@ if TYPE_CHECKING:
     "--time", "seconds", type=DURATION_TYPE, help="Stop after this much more time: 90s, 10m, 1h30m."
 )
 @click.option("--failures", type=int, metavar="N", help="Stop after N more failures.")
-@entry_option("workers")
+@entry_option("workers", parameter="workers_entry")
 @place_option
 @trust_option
 @fail_on_failure_option
@@ -47,22 +48,28 @@ def resume(
     simulations: int | None,
     seconds: float | None,
     failures: int | None,
-    workers: Spec | None,
-    simulator: Spec | None,
+    workers_entry: Spec | None,
+    place_options: Spec | None,
     is_trusted: bool,
     fail_on_failure: bool,
     as_json: bool,
 ) -> None:
     """Resume the CAMPAIGN in a folder after Ctrl-C, a crash, or the end of its budget.
 
-    The campaign's log is replayed to a fresh strategy. So an interrupted campaign ends as if it had
-    never been interrupted: exactly if its budget counts simulations or failures, nearly if it is a
-    time. The command refuses parts that were edited since: a driver's source, a module that it
-    imports, a file that is its argument. If the campaign was killed between its last result and its
-    report, the report is written, also over a report of an earlier end. --simulations, --time and
-    --failures set a new budget beyond what is spent, without the other limits; without these
-    options the last budget holds. If BeamNG.tech has moved, give its new place with --simulator,
-    which holds for this command only.
+    A fresh strategy gets the stored results. So an interrupted campaign ends as if it had never
+    been interrupted; with a budget of time, it may end a few tests earlier or later.
+
+    --simulations, --time and --failures set a new budget beyond what is spent, and replace all
+    limits of the last budget. Without these options the last budget holds.
+
+    --workers and --simulator hold for this command only. If BeamNG.tech has moved, give its new
+    place with --simulator.
+
+    The command refuses parts that were edited since the campaign began: a driver's source, a module
+    that it imports, a file that is its argument.
+
+    If the campaign was killed between its last result and its report, the command writes the
+    report, and replaces the report of an earlier end.
     """
     from frenetic.campaign import CampaignStore
     from frenetic.report import results
@@ -70,24 +77,19 @@ def resume(
     with CampaignStore.open(campaign) as store:
         source, earlier = _require_search(store), _EarlierWork.of(store)
     added = {"simulations": simulations, "time": seconds, "failures": failures}
-    with as_usage_error():
-        spec = _with_budget(source.spec, added, earlier)
-        spec, parts_folder = _trusted(spec, simulator, source, is_trusted=is_trusted)
-        # Elsewhere, the names of the parts in an advised command would mean other parts.
-        names_parts = is_here(parts_folder)
-        with chdir(parts_folder):
-            _refuse_edited_parts(
-                spec, source, has_drives=earlier.has_drives, names_parts=names_parts
-            )
-            if SIMULATORS.is_own(spec.part("simulator").name):
-                spec = moved(spec, simulator)  # it is trusted by now, so its class may be loaded
-        is_spent = earlier.share_of(spec.budget) >= 1.0
-        if is_spent and earlier.is_reported:
-            raise ValueError(
-                f"the budget of {campaign} is spent: say how much more, with --simulations,"
-                " --time or --failures"
-            )
-    spec = structs.replace(spec, workers=None if workers is None else workers.workers)
+    spec = _with_budget(source.spec, added, earlier)
+    spec, parts_folder = _checked_and_moved(
+        spec, place_options, source, is_trusted=is_trusted, has_drives=earlier.has_drives
+    )
+    is_spent = earlier.share_of(spec.budget) >= 1.0
+    if is_spent and earlier.is_reported:
+        raise click.UsageError(
+            f"the budget of {campaign} is spent: say how much more, with --simulations, --time or"
+            " --failures"
+        )
+    # The workers of the last command are not taken over: they may belong to another machine.
+    workers = None if workers_entry is None else workers_entry.workers
+    spec = structs.replace(spec, workers=workers)
     search(
         make_campaign(spec, campaign, parts_folder),
         results.resume,
@@ -173,7 +175,7 @@ def _require_search(store: CampaignStore) -> PartsSource:
 
 
 def _with_budget(spec: Spec, added: Mapping[str, float | None], earlier: _EarlierWork) -> Spec:
-    """Return a campaign's spec with the budget of the options, or else with its last budget.
+    """Return a campaign's spec with the budget of the options, or else with the last budget.
 
     Args:
         spec: the campaign's spec.
@@ -182,26 +184,74 @@ def _with_budget(spec: Spec, added: Mapping[str, float | None], earlier: _Earlie
         earlier: what the campaign has spent, and its last budget.
 
     Raises:
-        ValueError: an added amount is not positive, or the recorded budget is damaged.
+        click.UsageError: an added amount is not positive, or the recorded budget is damaged.
     """
     from frenetic.campaign.configuration import decode_budget
 
     for name, amount in added.items():
         if amount is not None and amount <= 0:
-            raise ValueError(f"--{name} is {amount}: more than 0 is needed")
-    if any(amount is not None for amount in added.values()):
-        limits: dict[str, Any] = {
-            name: None if amount is None else earlier.spent[name] + amount
-            for name, amount in added.items()
-        }
-        return spec.with_budget(Budget(**limits))
-    if earlier.budget is not None:
-        return spec.with_budget(decode_budget(earlier.budget))
+            raise click.UsageError(f"--{name} is {amount}: more than 0 is needed")
+    with as_usage_error():
+        if any(amount is not None for amount in added.values()):
+            limits: dict[str, Any] = {
+                name: None if amount is None else earlier.spent[name] + amount
+                for name, amount in added.items()
+            }
+            return spec.with_budget(Budget(**limits))
+        if earlier.budget is not None:
+            return spec.with_budget(decode_budget(earlier.budget))
     return spec
 
 
+def _checked_and_moved(
+    spec: Spec,
+    place_options: Spec | None,
+    source: PartsSource,
+    *,
+    is_trusted: bool,
+    has_drives: bool,
+) -> tuple[Spec, Path]:
+    """Return the spec with its simulator where ``--simulator`` says, and the folder of its parts.
+
+    The order of the steps protects the user: only the last one loads code of the user's, and by
+    then the user has trusted this code, and it is as it was when the campaign began.
+
+    1. Move a simulator of Frenetic's. Its place may be a program, and the user need not trust the
+       recorded program if ``--simulator`` names another.
+    2. Check that the user trusts the code that the campaign names.
+    3. In the folder of the parts, refuse parts that were edited.
+    4. Move a simulator of the user's or of another package. Its class is loaded, since the class
+       declares which options say where it is.
+
+    Args:
+        spec: the campaign's spec.
+        place_options: value of ``--simulator``; None without the option.
+        source: the campaign as a source of parts.
+        is_trusted: whether the command line has ``--trust``.
+        has_drives: whether the campaign has judged drives.
+
+    Raises:
+        FreneticError: the campaign names code that the user has not trusted, or a part was edited.
+        click.UsageError: ``--simulator`` says more than a place.
+    """
+    name = spec.part("simulator").name
+    is_outside_frenetic = SIMULATORS.is_own(name)
+    with as_usage_error():
+        named = Spec() if place_options is None else Spec.of({"simulator": name}, place_options)
+    options = CommandOptions(named, is_trusted=is_trusted, parameters=("simulator",))
+    if not is_outside_frenetic:
+        spec = moved(spec, place_options)
+    spec, parts_folder = options.trusted(spec, source, left_out=("workers",))
+    may_name_parts = is_here(parts_folder)  # asked now, since chdir makes it true
+    with chdir(parts_folder):
+        _refuse_edited_parts(spec, source, has_drives=has_drives, may_name_parts=may_name_parts)
+        if is_outside_frenetic:
+            spec = moved(spec, place_options)
+    return spec, parts_folder
+
+
 def _refuse_edited_parts(
-    spec: Spec, source: PartsSource, *, has_drives: bool, names_parts: bool
+    spec: Spec, source: PartsSource, *, has_drives: bool, may_name_parts: bool
 ) -> None:
     """Refuse a campaign whose parts were edited after it began.
 
@@ -211,7 +261,8 @@ def _refuse_edited_parts(
         spec: the campaign's spec.
         source: the campaign as a source of parts.
         has_drives: whether the campaign has judged drives.
-        names_parts: whether the advice names the parts, see `next_campaign`.
+        may_name_parts: whether the advised command may name the parts: only if the user is in
+            their folder, since in another folder the names would mean other parts.
 
     Raises:
         CampaignError: a file of a part was edited.
@@ -222,33 +273,8 @@ def _refuse_edited_parts(
 
     names = [*(spec.part(kind).name for kind in PARTS), spec.named_objective]
     if edited := list(edited_files(names, source.sources)):
-        advice = next_campaign(spec, source.path, has_drives=has_drives, names_parts=names_parts)
+        advice = next_campaign(spec, source.path, has_drives=has_drives, names_parts=may_name_parts)
         raise CampaignError(
             f"{' and '.join(edited)} {'was' if len(edited) == 1 else 'were'} edited after"
             f" {source.path} began: restore {'it' if len(edited) == 1 else 'them'}, or {advice}"
         )
-
-
-def _trusted(
-    spec: Spec, simulator: Spec | None, source: PartsSource, *, is_trusted: bool
-) -> tuple[Spec, Path]:
-    """Return the spec whose code the user trusts, and the folder of the parts.
-
-    A built-in or installed simulator is where ``--simulator`` says. The class of a user's own
-    simulator may be loaded only after this check, so the caller applies the option to it.
-
-    Args:
-        spec: the campaign's spec.
-        simulator: place of the simulator now, from ``--simulator``.
-        source: the campaign as a source of parts.
-        is_trusted: whether the command line has ``--trust``.
-
-    Raises:
-        FreneticError: the campaign names code that this user has not trusted.
-    """
-    name = spec.part("simulator").name
-    named = Spec() if simulator is None else Spec.of({"simulator": name}, simulator)
-    options = CommandOptions(named, is_trusted=is_trusted, parameters=("simulator",))
-    if not SIMULATORS.is_own(name):
-        spec = moved(spec, simulator)
-    return options.trusted(spec, source, left_out=("workers",))

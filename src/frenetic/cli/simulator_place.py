@@ -14,7 +14,9 @@ from frenetic.parts.registry import SIMULATORS
 from frenetic.spec import Spec, simulator_defaults
 
 place_option: Final = entry_option(
-    "simulator", "Where the simulator is now, if it has moved: host=pc,port=25252 or home=/opt/b."
+    "simulator",
+    "Where the simulator is now, if it has moved: host=pc,port=25252 or home=/opt/b.",
+    parameter="place_options",
 )
 
 
