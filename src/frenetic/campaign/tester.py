@@ -19,7 +19,7 @@ from frenetic._support.arrays import FloatArray
 from frenetic._support.json_value import JSONValue
 from frenetic.campaign.record import Attempt
 from frenetic.drivers.driver import Driver
-from frenetic.drivers.loading import under
+from frenetic.drivers.loading import with_wrappers
 from frenetic.errors import RoadError, Trouble
 from frenetic.oracle.drive import Drive, Rules, Trajectory
 from frenetic.oracle.outcome import Outcome
@@ -106,7 +106,7 @@ class RoadTester:
     @property
     def drives_compiled(self) -> bool:
         """Whether only compiled code of ours drives, which needs no process of its own."""
-        driver = under(self.terms.conditions, self.driver)
+        driver = with_wrappers(self.driver, self.terms.conditions)
         return capabilities(self.simulator).drives_compiled(driver)
 
     @property

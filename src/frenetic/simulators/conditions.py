@@ -16,7 +16,7 @@ from msgspec import convert
 from frenetic._support.bounds import Finite
 from frenetic.conditions.condition import SEED, condition_named, condition_names, known_conditions
 from frenetic.drivers.driver import Driver
-from frenetic.drivers.loading import under
+from frenetic.drivers.loading import with_wrappers
 from frenetic.errors import FreneticError
 from frenetic.oracle.drive import Rules
 from frenetic.simulators.capabilities import capabilities, check_pair
@@ -114,7 +114,7 @@ def in_conditions(conditions: Conditions, simulator: Simulator, driver: Driver) 
     before = {attribute: getattr(simulator, attribute) for attribute in values}
     try:
         _set(simulator, values)
-        yield under(conditions, driver)
+        yield with_wrappers(driver, conditions)
     finally:
         _set(simulator, before)
 

@@ -20,7 +20,7 @@ from frenetic.campaign.record import Test
 from frenetic.conditions.condition import SEED
 from frenetic.drivers.camera import Camera, Image
 from frenetic.drivers.driver import Controls, Driver, DriveSetup, Observation
-from frenetic.drivers.loading import under
+from frenetic.drivers.loading import with_wrappers
 from frenetic.drivers.stack import scene_of
 from frenetic.oracle.drive import Trajectory
 from frenetic.parts.records import over_each_other
@@ -171,7 +171,7 @@ def _in_conditions(witness: _Witness, test: Test) -> Driver:
         for name, amount in conditions.items()
         if name == SEED or name in appearance.ALL
     }
-    return under(visible, witness.wrapped)
+    return with_wrappers(witness.wrapped, visible)
 
 
 def _critical_record(test: Test, trajectory: Trajectory) -> int:
