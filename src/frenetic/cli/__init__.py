@@ -22,7 +22,7 @@ import click
 from frenetic._support.entry_points import installed
 from frenetic._support.printable import printable, shortened
 from frenetic.errors import FreneticError
-from frenetic.processes.interrupt import ending_in_order, plain_interrupts
+from frenetic.processes.interrupt import plain_interrupts, signals_act_like_ctrl_c
 
 __all__ = ["cli", "main"]
 
@@ -155,7 +155,7 @@ def main(arguments: Sequence[str] | None = None) -> NoReturn:
     gc.set_threshold(_GARBAGE_THRESHOLD)
     invocation = Invocation(tuple(sys.argv[1:] if arguments is None else arguments))
     try:
-        with ending_in_order(), plain_interrupts():
+        with signals_act_like_ctrl_c(), plain_interrupts():
             code = cli.main(
                 args=[*invocation.words],
                 prog_name="frenetic",

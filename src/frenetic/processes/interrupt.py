@@ -16,7 +16,7 @@ ENDING: Final = tuple(
     for name in ("SIGTERM", "SIGHUP", "SIGBREAK")  # SIGHUP is POSIX's, SIGBREAK is Windows'
     if name in signal.Signals.__members__
 )
-"""Signals that end a process, without SIGINT, the signal of Ctrl-C."""
+"""Signals that end a process, other than SIGINT, the signal of Ctrl-C."""
 
 
 @contextmanager
@@ -44,47 +44,53 @@ def catch_interrupt(on_request: Callable[[], None] | None = None) -> Iterator[In
     """Turn the first Ctrl-C into a request; the second raises `KeyboardInterrupt` as usual.
 
     So the first interrupts neither compiled code nor a write to a database. The signals in `ENDING`
-    work in the same way if they raise `KeyboardInterrupt`, as they do on the command line. In
-    another thread than the main thread, which alone receives signals, nothing changes.
+    work in the same way if they raise `KeyboardInterrupt`, as inside `signals_act_like_ctrl_c`,
+    which the command line uses. Only the main thread receives signals: in other threads nothing
+    changes.
 
     Args:
-        on_request: function that is called at the first Ctrl-C.
+        on_request: function that is called at the first Ctrl-C, in the signal handler: keep it
+            short.
     """
     interrupt = Interrupt()
 
     def request(number: int, frame: FrameType | None) -> None:
         if interrupt.requested:
             interrupt.insisted = True
-            signal.default_int_handler(number, frame)
+            signal.default_int_handler(number, frame)  # raises KeyboardInterrupt
         interrupt.requested = True
         if on_request is not None:
             on_request()
 
-    with _handled((signal.SIGINT, *ENDING), signal.default_int_handler, request):
+    with _handler_replaced((signal.SIGINT, *ENDING), signal.default_int_handler, request):
         yield interrupt
 
 
-def ending_in_order() -> AbstractContextManager[None]:
-    """Let the signals of a job scheduler or a closed terminal act like Ctrl-C in the block.
+def signals_act_like_ctrl_c() -> AbstractContextManager[None]:
+    """Let the signals in `ENDING` act like Ctrl-C in the block.
 
-    So results are stored and simulators are ended. Signals that are ignored, as under nohup, stay
-    ignored.
+    So a job scheduler or a closed terminal ends the process only after results are stored and
+    simulators are ended. Signals that are ignored, as under nohup, stay ignored.
     """
-    return _handled(ENDING, signal.SIG_DFL, signal.default_int_handler)
+    return _handler_replaced(ENDING, signal.SIG_DFL, signal.default_int_handler)
 
 
 @contextmanager
-def _handled(
-    signals: Iterable[signal.Signals], default: _Handler, handler: _Handler
+def _handler_replaced(
+    signals: Iterable[signal.Signals], expected: _Handler, handler: _Handler
 ) -> Iterator[None]:
-    """Set the handler of signals in the block, except of signals whose handler is not `default`."""
+    """Replace the handler of those signals whose handler is `expected`, and restore it afterwards.
+
+    A user's own handlers stay. Outside the main thread, which alone may set handlers, nothing is
+    replaced.
+    """
     replaced = []
     if threading.current_thread() is threading.main_thread():
-        replaced = [number for number in signals if signal.getsignal(number) is default]
+        replaced = [number for number in signals if signal.getsignal(number) is expected]
     for number in replaced:
         signal.signal(number, handler)
     try:
         yield
     finally:
         for number in replaced:
-            signal.signal(number, default)
+            signal.signal(number, expected)
