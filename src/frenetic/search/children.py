@@ -14,7 +14,9 @@ from frenetic.search.prediction import Foresight, promise_of
 from frenetic.search.records import Candidate, Origin
 
 NEW_DIFFERENCE = 2.0
-"""Difference from the known failures from which a failure is new, in m (our choice)."""
+"""Least difference from every known failure with which a failure counts as entirely new, in m (our
+choice). It happens to equal `approach.ALIKE`, by which reports group failures: the search does not
+depend on that value."""
 _LIKELIEST_OF = 6  # children of which the likeliest to fail is chosen (our choice)
 _MAX_FORESEEN = 40  # children that foresight looks at for one road (our choice)
 
@@ -23,9 +25,10 @@ class Child(NamedTuple):
     """A road that may be proposed, made from a place of the archive: the parent."""
 
     row: int
-    """Row of the parent in the archive."""
+    """Row of the parent's place in the archive."""
     operator: int | None
-    """Number of the operator; None for the parent's road in other conditions."""
+    """Number of the operator, see `variation.OPERATORS`; None for the parent's road in other
+    conditions."""
     curvatures: FloatArray
     """Curvatures, (n,) in 1/m."""
     fields: Mapping[str, Any]
@@ -40,10 +43,11 @@ class Child(NamedTuple):
 def choose_foreseen(
     children: Iterator[Child], foresight: Foresight, archive: Archive, step: float
 ) -> Child | None:
-    """Return the first child that is foreseen to fail as no known failure did.
+    """Return the first child that is foreseen to fail differently from every known failure.
 
-    If there is no such child, return the child of the largest promise, see `promise_of`; None
-    without children. The child has the side and the approach that are foreseen.
+    "Differently" is by `NEW_DIFFERENCE`. If there is no such child, return the child of the largest
+    promise, see `promise_of`; None without children. The child has the side and the approach that
+    are foreseen.
 
     Args:
         children: Children, which are drawn only as they are looked at.
@@ -53,6 +57,7 @@ def choose_foreseen(
     """
     best, largest = None, -math.inf
     for child in islice(children, _MAX_FORESEEN):
+        # A candidate for the model alone: it has no id and no origin yet.
         candidate = Candidate(0, child.curvatures, step, Origin(""), **child.fields)
         promise, place = promise_of(candidate, foresight, archive)
         if best is None or promise > largest:
@@ -67,7 +72,7 @@ def choose_foreseen(
 def choose_likeliest(
     children: Iterator[Child], model: FailureModel, archive: Archive
 ) -> Child | None:
-    """Return the child that most likely fails, of six; None without children."""
+    """Return the likeliest to fail of the first `_LIKELIEST_OF` children; None without children."""
     return max(
         islice(children, _LIKELIEST_OF),
         key=lambda child: model.chance(features_of_child(child, model, archive)),
