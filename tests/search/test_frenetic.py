@@ -29,7 +29,16 @@ from frenetic.search.approach import (
 from frenetic.search.archive import APART, LEFT, RIGHT, Archive, Place, critical_places
 from frenetic.search.known_failures import NOTHING, Known, KnownFailures
 from frenetic.search.operators import CURVATURE_BOUND, random_curvatures
-from frenetic.search.variation import OPERATORS, PARAMETERS, draw_child, vary
+from frenetic.search.variation import (
+    OPERATORS,
+    PARAMETERS,
+    ChildDraws,
+    Parent,
+    RefusingFailures,
+    RoadSite,
+    draw_child,
+    vary,
+)
 
 
 def drive(candidate: Candidate, moobd: float, place: float, spent: float = 0.5) -> Evaluation:
@@ -189,7 +198,8 @@ def test_an_operator_makes_another_road_within_the_bound(operator: int) -> None:
         parent, other = random_curvatures(rng, 25), random_curvatures(rng, 22)
         before, child = parent.copy(), np.full(40, np.nan)
         site, u = int(rng.integers(0, 25)), rng.random(PARAMETERS + 40)
-        n, moved = vary(operator, u, parent, site, other, 10, 29, limits, child)
+        roads = RoadSite(parent, site), RoadSite(other, 10)
+        n, moved = vary(operator, u, *roads, 29, limits, child)
         np.testing.assert_array_equal(parent, before)
         if n:
             children += 1
@@ -207,23 +217,22 @@ def test_a_child_that_would_repeat_a_known_failure_is_refused() -> None:
 
     def draw(known: Known, same: float) -> int:
         """Return the number of the first accepted draw, or -1."""
-        draws = 30
+        count = 30
+        whole = np.zeros(count, dtype=np.int64)
+        draws = ChildDraws(
+            operators=np.full(count, OPERATORS.index("shift")),
+            u=np.random.default_rng(2).random((count, PARAMETERS + 40)),
+            mates=np.zeros((count, 40)),
+            mate_sizes=whole,
+            mate_sites=whole,
+            lengths=np.full(count, 25),
+            run_ups=np.zeros(count),
+        )
         return draw_child(
-            np.full(draws, OPERATORS.index("shift")),
-            np.random.default_rng(2).random((draws, PARAMETERS + 40)),
-            parent,
-            10.0,
-            120.0,
-            vector,
-            np.zeros((draws, 40)),
-            np.zeros(draws, dtype=np.int64),
-            np.zeros(draws, dtype=np.int64),
-            np.full(draws, 25),
+            Parent(parent, 10.0, 120.0, vector),
+            draws,
+            RefusingFailures(known, known, same),
             np.array([CURVATURE_BOUND, 0.05]),
-            known,
-            known,
-            same,
-            np.zeros(draws),
             np.empty(0),
             np.empty(40),
             np.empty(SIZE),
@@ -243,22 +252,20 @@ def test_a_fresh_road_keeps_the_run_up_to_the_place() -> None:
     child = np.empty(40)
     whole = np.zeros(1, dtype=np.int64)
     for run_up in (0.0, 60.0):
+        draws = ChildDraws(
+            operators=np.array([OPERATORS.index("shift")]),
+            u=u,
+            mates=np.zeros((1, 40)),
+            mate_sizes=whole,
+            mate_sites=whole,
+            lengths=np.array([30]),
+            run_ups=np.array([run_up]),
+        )
         k, n, moved = draw_child(
-            np.array([OPERATORS.index("shift")]),
-            u,
-            parent,
-            10.0,
-            180.0,
-            np.zeros(SIZE),
-            np.zeros((1, 40)),
-            whole,
-            whole,
-            np.array([30]),
+            Parent(parent, 10.0, 180.0, np.zeros(SIZE)),
+            draws,
+            RefusingFailures(NOTHING, NOTHING, 1.6),
             np.array([CURVATURE_BOUND, 0.05]),
-            NOTHING,
-            NOTHING,
-            1.6,
-            np.array([run_up]),
             np.empty(0),
             child,
             np.empty(SIZE),

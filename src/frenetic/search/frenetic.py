@@ -47,7 +47,16 @@ from frenetic.search.random_roads import (
 from frenetic.search.records import Candidate, Evaluation, Origin
 from frenetic.search.speed_model import SpeedModel
 from frenetic.search.strategy import Ledger, Strategy, checked_options
-from frenetic.search.variation import MIRROR, OPERATORS, PARAMETERS, SPLICE, draw_child
+from frenetic.search.variation import (
+    MIRROR,
+    OPERATORS,
+    PARAMETERS,
+    SPLICE,
+    ChildDraws,
+    Parent,
+    RefusingFailures,
+    draw_child,
+)
 
 # The values are our choice; research/search.md measures `_FRESH_SHARE` and `_RUN_UP_TIME`.
 #
@@ -390,54 +399,46 @@ class Frenetic(Strategy):
         return None if child is None else self._issue(child)
 
     def _children_of(self, row: int) -> Iterator[Child]:
-        """Yield children of a place of the archive that may fail as no known failure did."""
-        archive, rng, draws, step = self._archive, self._rng, 1 + _MAX_REDRAWS, self._roads.step
-        place, parent = archive.places[row], archive.candidates[row]
+        """Yield children of a place of the archive that may fail unlike every known failure."""
+        archive, rng, count, step = self._archive, self._rng, 1 + _MAX_REDRAWS, self._roads.step
+        place, candidate = archive.places[row], archive.candidates[row]
         parent_failed, side = int(place["has_failed"]), int(place["side"])
         if self.domain is not None and not parent_failed and rng.random() < _OTHER_CONDITIONS_SHARE:
             yield self._in_other_conditions(row)
             return
-        operators = self._operators.draw(rng, draws, parent_failed=parent_failed)
-        u = rng.random((draws, PARAMETERS + 2 * len(self._room)))
-        run_ups = np.where(rng.random(draws) < parent_failed * _FRESH_SHARE, self._run_up, 0.0)
-        lengths = self._usual_length + rng.integers(-LENGTH_JITTER, LENGTH_JITTER + 1, draws)
-        others, sizes, sites = self._parents.draw_mates(operators == SPLICE, len(self._room))
+        operators = self._operators.draw(rng, count, parent_failed=parent_failed)
+        u = rng.random((count, PARAMETERS + 2 * len(self._room)))
+        run_ups = np.where(rng.random(count) < parent_failed * _FRESH_SHARE, self._run_up, 0.0)
+        lengths = self._usual_length + rng.integers(-LENGTH_JITTER, LENGTH_JITTER + 1, count)
+        mates = self._parents.draw_mates(operators == SPLICE, len(self._room))
+        draws = ChildDraws(operators, u, *mates, lengths, run_ups)
         opposite = {LEFT: RIGHT, RIGHT: LEFT}.get(side, side)
         known = archive.failures(side), archive.failures(opposite)
         # In a class all bends look alike: without a failure, outstanding children would refuse
         # nearly all others.
         if self.road_class is not None and not archive.has_failures:
             known = NOTHING, NOTHING
+        refusing = RefusingFailures(*known, _LEAST_DIFFERENCE)
+        parent = Parent(candidate.curvatures, step, float(place["distance"]), archive.vectors[row])
         expected = np.empty(SIZE)
-        first = 0
-        while first < draws:
+        while len(draws.operators):
             k, n, moved = draw_child(
-                operators[first:],
-                u[first:],
-                parent.curvatures,
-                step,
-                float(place["distance"]),
-                archive.vectors[row],
-                others[first:],
-                sizes[first:],
-                sites[first:],
-                lengths[first:],
+                parent,
+                draws,
+                refusing,
                 self._roads.limits,
-                *known,
-                _LEAST_DIFFERENCE,
-                run_ups[first:],
                 self._speed_model.weights if self._speed_model.is_ready else np.empty(0),
                 self._room,
                 expected,
             )
             if k < 0:
                 return
-            curvatures, operator = self._room[:n].copy(), int(operators[first + k])
+            curvatures, operator = self._room[:n].copy(), int(draws.operators[k])
             if curvatures not in self._proposed and self._map_check(curvatures, step):
-                fields = self._inherited(parent, curvatures, moved * step)
+                fields = self._inherited(candidate, curvatures, moved * step)
                 child_side = opposite if operator == MIRROR else side
                 yield Child(row, operator, curvatures, fields, child_side, expected.copy())
-            first += k + 1
+            draws = draws.after(k)
 
     def _inherited(
         self, parent: Candidate, curvatures: FloatArray, moved: float

@@ -6,7 +6,7 @@ import numpy as np
 import numpy.typing as npt
 
 from frenetic._support.arrays import FloatArray
-from frenetic.search.variation import OPERATORS, OPERATORS_FOR_FAILURES
+from frenetic.search.variation import FAILURE_OPERATOR_COUNT, OPERATORS
 
 # The values are our choice.
 _POWER = 2.5  # power of an operator's share of new failures that is its chance
@@ -39,7 +39,7 @@ class OperatorChoice:
 
     def _running_shares(self, parent_failed: int) -> FloatArray:
         """Return the running sum of the chances of the operators, (k,), the last 1."""
-        count = OPERATORS_FOR_FAILURES if parent_failed else len(OPERATORS)
+        count = FAILURE_OPERATOR_COUNT if parent_failed else len(OPERATORS)
         novelty, used = self._novelty[parent_failed, :count], self._used[parent_failed, :count]
         successes = (novelty + _ASSUMED_FAILURES) / (used + _ASSUMED_CHILDREN)
         sums = np.cumsum(successes**_POWER)

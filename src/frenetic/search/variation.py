@@ -1,15 +1,26 @@
 """Operators that vary a road around a critical place, and the kernel that tries them.
 
-The place is where the car failed or came near failing on the parent's road; the *site* is the index
-of the parent's value just before it. An operator makes a child's curvatures, (n,) 1/m, from the
-parent's and from uniform random numbers, and returns by how many values the place has moved along
-the road. New values are drawn as in Section I-B of the paper, each relative to the value before it.
-Changed values are kept within the bound. The sizes of the changes are our choice.
+The *place*, a distance along the road, is where the car failed or came near failing on the parent's
+road; the *site* is the index of the road's value just before the place. An operator makes a child's
+curvatures, (n,) 1/m, from the parent's and from uniform random numbers, and returns by how many
+values the place has moved along the road. New values are drawn as in Section I-B of the paper, each
+relative to the value before it. Changed values are kept within the bound. The sizes of the changes
+are our choice.
+
+A draw takes a row ``u`` of uniform random numbers. Where a child has room for m values, the row is:
+
+=====================  =============================================================
+numbers                meaning
+=====================  =============================================================
+`PARAMETERS`           the operator's parameters, such as how many values it changes
+m                      one for each new or changed value of the child
+m                      one for each value of the child's fresh ends
+=====================  =============================================================
 """
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -42,22 +53,7 @@ if TYPE_CHECKING:
 
     IntArray: TypeAlias = npt.NDArray[np.int64]
 
-(
-    REDRAW,
-    SHIFT,
-    JITTER,
-    LOCAL,
-    PREFIX,
-    APPROACH,
-    SCALE,
-    SPLICE,
-    AMPLIFY,
-    FLATTEN,
-    MIRROR,
-    STRAIGHT,
-) = range(12)
-
-OPERATORS = (
+_OPERATORS_FOR_ALL = (
     "redraw",
     "shift",
     "jitter",
@@ -66,20 +62,32 @@ OPERATORS = (
     "approach",
     "scale",
     "splice",
-    "amplify",
-    "flatten",
-    "mirror",
-    "straight",
 )
-"""Names of the operators, in the order of their numbers."""
-OPERATORS_FOR_FAILURES = SPLICE + 1
+_OPERATORS_FOR_NEAR_MISSES = ("amplify", "flatten", "mirror", "straight")
+OPERATORS = _OPERATORS_FOR_ALL + _OPERATORS_FOR_NEAR_MISSES
+"""Names of the operators. The number of an operator is its index."""
+FAILURE_OPERATOR_COUNT = len(_OPERATORS_FOR_ALL)
 """Number of operators for the roads of failures: the first of `OPERATORS`. Near misses have all."""
 
+# Constants, since compiled code cannot look up names.
+REDRAW = OPERATORS.index("redraw")
+SHIFT = OPERATORS.index("shift")
+JITTER = OPERATORS.index("jitter")
+LOCAL = OPERATORS.index("local")
+PREFIX = OPERATORS.index("prefix")
+APPROACH = OPERATORS.index("approach")
+SCALE = OPERATORS.index("scale")
+SPLICE = OPERATORS.index("splice")
+AMPLIFY = OPERATORS.index("amplify")
+FLATTEN = OPERATORS.index("flatten")
+MIRROR = OPERATORS.index("mirror")
+STRAIGHT = OPERATORS.index("straight")
+
 PARAMETERS = 8
-"""Number of uniform random numbers that an operator takes beside one for each new value."""
+"""Number of an operator's parameters: uniform random numbers beside one for each value."""
 MIN_REST = 3
 """Least number of values after the site that a road has if they are redrawn (our choice)."""
-AFTER = 1.0 / 3.0
+_AFTER_SHARE = 1.0 / 3.0
 """Length of road after the place that a child with a fresh road keeps, as a share of the length
 before the place (our choice)."""
 FAILURE_DISTANCES = (0.0, -5.0, 5.0, 10.0, 15.0)
@@ -98,6 +106,78 @@ _RECENT_FAILURES = 8
 _MIN_VALUES = 5  # least number of values of a child (our choice)
 
 
+class RoadSite(NamedTuple):
+    """A road and the index of its value just before a place."""
+
+    curvatures: FloatArray
+    """Curvatures, (N,) in 1/m."""
+    site: int
+    """Index of the value just before the place."""
+
+
+class Parent(NamedTuple):
+    """A place of the archive whose road is varied."""
+
+    curvatures: FloatArray
+    """Curvatures of the road, (N,) in 1/m."""
+    step: float
+    """Distance between two curvatures, in m."""
+    place: float
+    """Distance along the road to the critical place, in m."""
+    approach: FloatArray
+    """Approach to the place, (64,) in m."""
+
+
+class ChildDraws(NamedTuple):
+    """Random choices for k draws of a child, each of which may be refused."""
+
+    operators: IntArray
+    """Numbers of the operators, (k,)."""
+    u: FloatArray
+    """Uniform random numbers, a row for each draw, see the module's table."""
+    mates: FloatArray
+    """Curvatures of another road of the archive for each draw, (k, room) in 1/m."""
+    mate_sizes: IntArray
+    """Numbers of values of these roads, (k,)."""
+    mate_sites: IntArray
+    """Sites of these roads, (k,)."""
+    lengths: IntArray
+    """Usual numbers of values of a road, for children with a new end, (k,)."""
+    run_ups: FloatArray
+    """Lengths in m, (k,). A child keeps its parent's road so far before the place, and
+    `_AFTER_SHARE` times as far after it; its ends are drawn anew. 0: the child keeps all of it."""
+
+    def after(self, draw: int) -> ChildDraws:
+        """Return the draws after the draw with an index."""
+        start = draw + 1
+        return ChildDraws(
+            operators=self.operators[start:],
+            u=self.u[start:],
+            mates=self.mates[start:],
+            mate_sizes=self.mate_sizes[start:],
+            mate_sites=self.mate_sites[start:],
+            lengths=self.lengths[start:],
+            run_ups=self.run_ups[start:],
+        )
+
+
+class RefusingFailures(NamedTuple):
+    """Known failures that refuse children who are expected to fail as these failures did."""
+
+    same_side: Known
+    """Known failures on the parent's side."""
+    opposite_side: Known
+    """Known failures on the other side, for a mirrored child."""
+    least_difference: float
+    """Least difference of a child from these failures, in m."""
+
+
+@njit()
+def has_class(limits: FloatArray) -> bool:
+    """Return whether limits are a road class's: `RoadClass.limits` has 4, others are 2."""
+    return len(limits) > 2
+
+
 @njit()
 def _whole(u: float, low: float, high: float) -> int:
     """Return a whole number from `low` to `high`, both whole, from a uniform random number.
@@ -114,73 +194,80 @@ def _between(u: float, low: float, high: float) -> float:
 
 
 @njit()
-def _copy(values: FloatArray, first: int, child: FloatArray, at: int, end: int) -> None:
-    """Copy values from index `first` on to at..end-1 of a child."""
+def _copy(values: FloatArray, first: int, child: FloatArray, start: int, end: int) -> None:
+    """Copy values from index `first` on to start..end-1 of a child."""
     # A loop, since numba takes two seconds to compile the assignment of a slice.
-    for i in range(at, end):
-        child[i] = values[first + i - at]
+    for i in range(start, end):
+        child[i] = values[first + i - start]
 
 
 @njit()
-def _scale(child: FloatArray, first: int, end: int, by: float) -> None:
-    """Multiply values first..end-1 of a child."""
+def _scale(child: FloatArray, first: int, end: int, factor: float) -> None:
+    """Multiply values first..end-1 of a child by a factor."""
     for i in range(first, end):
-        child[i] *= by
+        child[i] *= factor
 
 
 @njit()
 def _draw(
-    child: FloatArray, first: int, end: int, previous: float, u: FloatArray, limits: FloatArray
+    child: FloatArray,
+    first: int,
+    end: int,
+    previous: float,
+    numbers: FloatArray,
+    limits: FloatArray,
 ) -> None:
-    """Draw values first..end-1 of a child by `operators.next_curvature`; in a class as elements.
+    """Draw values first..end-1 of a child: in a road class as straights, clothoids and arcs.
+
+    Without a class, they are drawn as `operators.next_curvature` does, which is repeated here to be
+    compiled.
 
     Args:
         child: Values of the child.
         first: Index of the first value to draw.
         end: Index after the last value to draw.
         previous: Value before the first, in 1/m.
-        u: Uniform random numbers, from index `PARAMETERS` on one for each value.
+        numbers: Uniform random numbers, one for each value.
         limits: See `vary`.
     """
-    if len(limits) > 2:
-        draw_elements(child, first, end, previous, u, PARAMETERS, limits)
+    if has_class(limits):
+        draw_elements(child, first, end, previous, numbers, 0, limits)
         return
-    bound, change = limits[0], limits[1]
+    bound, max_change = limits[0], limits[1]
     for i in range(first, end):
-        low = min(max(previous - change, -bound), bound)
-        high = max(min(previous + change, bound), -bound)
-        previous = low + u[PARAMETERS + i - first] * (high - low)
+        low = min(max(previous - max_change, -bound), bound)
+        high = max(min(previous + max_change, bound), -bound)
+        previous = low + numbers[i - first] * (high - low)
         child[i] = previous
 
 
 @njit()
 def _change_values(
-    operator: int,
-    u: FloatArray,
-    parent: FloatArray,
-    site: int,
-    limits: FloatArray,
-    child: FloatArray,
+    operator: int, u: FloatArray, parent: RoadSite, limits: FloatArray, child: FloatArray
 ) -> None:
     """Change values of a child, a copy of its parent, by an operator that keeps their number.
 
-    See `vary` for the arguments.
+    Changes are in 1/m on the competition's roads; counts and distances are in values; factors of
+    curvatures have no unit. See `vary` for the arguments.
     """
-    n = len(child)
+    n, site, numbers = len(child), parent.site, u[PARAMETERS:]
     size = limits[0] / CURVATURE_BOUND  # scale of changes: 1 on the competition's roads
     if operator == SHIFT:  # 1 to 3 values just after the place
         first = min(site + _whole(u[0], 0.0, 1.0), n - 1)
-        by = _between(u[1], 0.02, 0.06) * size
-        by = by if u[2] < 0.5 else -by
+        change = _between(u[1], 0.02, 0.06) * size
+        change = change if u[2] < 0.5 else -change
         for i in range(first, min(first + _whole(u[3], 1.0, 3.0), n)):
-            child[i] += by
+            child[i] += change
     elif operator == JITTER:
         width = _between(u[0], 0.005, 0.035) * size
         k = 0
         for i in range(n):
-            # In a class an arc changes as a whole.
-            k = k if len(limits) > 2 and i > 0 and parent[i] == parent[i - 1] else i
-            child[i] += width * (2.0 * u[PARAMETERS + k] - 1.0)
+            # In a road class an arc changes as a whole.
+            in_arc = (
+                has_class(limits) and i > 0 and parent.curvatures[i] == parent.curvatures[i - 1]
+            )
+            k = k if in_arc else i
+            child[i] += width * (2.0 * numbers[k] - 1.0)
     elif operator == LOCAL:  # 1 to 3 values around the place
         for k in range(_whole(u[0], 1.0, 3.0)):
             i = min(max(site + _whole(u[1 + 2 * k], -5.0, 3.0), 0), n - 1)
@@ -188,7 +275,7 @@ def _change_values(
     elif operator == APPROACH:  # 3 to 6 values before the place
         end = max(site - _whole(u[0], 0.0, 2.0), 1)
         start = max(end - _whole(u[1], 3.0, 6.0), 0)
-        _draw(child, start, end, child[start - 1] if start > 0 else 0.0, u, limits)
+        _draw(child, start, end, child[start - 1] if start > 0 else 0.0, numbers, limits)
     elif operator == SCALE:
         _scale(child, 0, n, _between(u[0], 0.8, 1.25))
     elif operator == AMPLIFY:  # the bend
@@ -203,72 +290,69 @@ def _change_values(
 def vary(
     operator: int,
     u: FloatArray,
-    parent: FloatArray,
-    site: int,
-    other: FloatArray,
-    other_site: int,
+    parent: RoadSite,
+    mate: RoadSite,
     length: int,
     limits: FloatArray,
     child: FloatArray,
 ) -> tuple[int, int]:
     """Make a child; return its number of values and by how many values the place has moved.
 
-    The number of values is 0 if the child would have too few or too many.
+    The number of values is 0 if the child would have too few or too many. Counts and distances are
+    in values.
 
     Args:
         operator: Number of the operator.
-        u: Uniform random numbers: `PARAMETERS`, then one for each value of `child`.
-        parent: (N,) 1/m.
-        site: Index of the value before the place.
-        other: (M,) 1/m, another road of the archive.
-        other_site: Index of the value before the other road's place.
+        u: Uniform random numbers, see the module's table; the numbers of fresh ends may be absent.
+        parent: The parent's road.
+        mate: Another road of the archive, for the operator `SPLICE`.
         length: Usual number of values of a road, for a child with a new end.
         limits: Bound and largest change of new values, both in 1/m; or a road class's `limits`,
             whose rules the child then keeps.
         child: Room for the child's values.
 
     """
-    most = len(child)
-    n, moved = len(parent), 0
-    bound = limits[0]
+    road, site, numbers = parent.curvatures, parent.site, u[PARAMETERS:]
+    room, bound = len(child), limits[0]
+    n, moved = len(road), 0
     if operator == REDRAW:  # the road after the place, or from shortly before it
         keep = max(site + 1 - _whole(u[0], 0.0, 2.0), 2)
         n = max(length, keep + MIN_REST)
-        if n <= most:
-            _copy(parent, 0, child, 0, keep)
-            _draw(child, keep, n, child[keep - 1], u, limits)
+        if n <= room:
+            _copy(road, 0, child, 0, keep)
+            _draw(child, keep, n, child[keep - 1], numbers, limits)
     elif operator == PREFIX:  # another way to the place
         start = max(site - _whole(u[0], 3.0, 6.0), 0)
         new = _whole(u[1], 3.0, 15.0)
         moved = new - start
-        n = min(len(parent) + moved, max(length, site + moved + MIN_REST))
-        if n <= most:
-            _draw(child, 0, new, 0.0, u, limits)
-            _copy(parent, start, child, new, n)
-    elif operator == SPLICE:  # the other's road from its place on
+        n = min(len(road) + moved, max(length, site + moved + MIN_REST))
+        if n <= room:
+            _draw(child, 0, new, 0.0, numbers, limits)
+            _copy(road, start, child, new, n)
+    elif operator == SPLICE:  # the mate's road from its place on
         keep = max(site + 1 - _whole(u[0], 0.0, 2.0), 2)
-        start = max(other_site - _whole(u[1], 2.0, 6.0), 0)
-        n = min(keep + len(other) - start, max(length, keep + MIN_REST))
-        if n <= most:
-            _copy(parent, 0, child, 0, keep)
-            _copy(other, start, child, keep, n)
+        start = max(mate.site - _whole(u[1], 2.0, 6.0), 0)
+        n = min(keep + len(mate.curvatures) - start, max(length, keep + MIN_REST))
+        if n <= room:
+            _copy(road, 0, child, 0, keep)
+            _copy(mate.curvatures, start, child, keep, n)
     elif operator == STRAIGHT:  # a straight before the place
         start = max(site - _whole(u[0], 1.0, 3.0), 0)
         moved = _whole(u[1], 2.0, 5.0)
-        n = min(len(parent) + moved, max(length, site + moved + MIN_REST))
-        if n <= most:
-            _copy(parent, 0, child, 0, start)
+        n = min(len(road) + moved, max(length, site + moved + MIN_REST))
+        if n <= room:
+            _copy(road, 0, child, 0, start)
             for i in range(start, start + moved):
                 child[i] = 0.0
-            _copy(parent, start, child, start + moved, n)
-    elif n <= most:
-        _copy(parent, 0, child, 0, n)
-        _change_values(operator, u, parent, site, limits, child[:n])
-    if not _MIN_VALUES <= n <= most:
+            _copy(road, start, child, start + moved, n)
+    elif n <= room:
+        _copy(road, 0, child, 0, n)
+        _change_values(operator, u, parent, limits, child[:n])
+    if not _MIN_VALUES <= n <= room:
         return 0, 0
     for i in range(n):
         child[i] = min(max(child[i], -bound), bound)
-    if len(limits) > 2:
+    if has_class(limits):
         conform(child[:n], limits, np.empty(n))
     return n, moved
 
@@ -279,20 +363,26 @@ def _draw_fresh_ends(
     step: float,
     place: float,
     run_up: float,
-    u: FloatArray,
+    numbers: FloatArray,
     limits: FloatArray,
 ) -> None:
     """Draw a child's values anew, except around the place.
 
-    Kept are `run_up` m before the place and `AFTER` times as much after it. See `draw_child` for
-    the arguments.
+    Args:
+        child: Values of the child, (n,) in 1/m.
+        step: Distance between two values, in m.
+        place: Distance along the child's road to the place, in m.
+        run_up: Length of road before the place that stays, in m; after the place, `_AFTER_SHARE`
+            times as much stays.
+        numbers: Uniform random numbers, one for each value.
+        limits: See `vary`.
     """
     n = len(child)
     first = max(int((place - run_up) / step), 0)
-    end = min(int((place + AFTER * run_up) / step) + 1, n)
-    _draw(child, 0, first, 0.0, u, limits)
-    _draw(child, end, n, child[end - 1], u[first:], limits)
-    if len(limits) > 2:
+    end = min(int((place + _AFTER_SHARE * run_up) / step) + 1, n)
+    _draw(child, 0, first, 0.0, numbers, limits)
+    _draw(child, end, n, child[end - 1], numbers[first:], limits)
+    if has_class(limits):
         conform(child, limits, np.empty(n))
 
 
@@ -304,7 +394,7 @@ def _refusing_failure(
     table: FloatArray,
     ds: float,
     place: float,
-    recent: IntArray,
+    likely_refusers: IntArray,
 ) -> int:
     """Return the row of a known failure that refuses a child; -1 if there is none.
 
@@ -317,12 +407,12 @@ def _refusing_failure(
         ds: Distance between two rows of the table, in m.
         place: Distance along the table's road to the place, in m. The child may fail at any of the
             `FAILURE_DISTANCES` from there.
-        recent: Rows of failures that are compared first.
+        likely_refusers: Rows of failures that are compared first.
     """
     points = points_along(table, ds, place + min(FAILURE_DISTANCES) - BEHIND, _POINTS)
     for point in _FAILURE_POINTS:
         set_points(expected, points, point)
-        for row in recent:
+        for row in likely_refusers:
             if squared_difference(failures.vectors[row], expected, square) < square:
                 return int(row)
     for point in _FAILURE_POINTS:
@@ -335,48 +425,24 @@ def _refusing_failure(
 
 @njit()
 def draw_child(
-    operators: IntArray,
-    u: FloatArray,
-    parent: FloatArray,
-    step: float,
-    place: float,
-    vector: FloatArray,
-    others: FloatArray,
-    other_sizes: IntArray,
-    other_sites: IntArray,
-    lengths: IntArray,
+    parent: Parent,
+    draws: ChildDraws,
+    refusing: RefusingFailures,
     limits: FloatArray,
-    known: Known,
-    opposite: Known,
-    least: float,
-    run_ups: FloatArray,
     weights: FloatArray,
     child: FloatArray,
     expected: FloatArray,
 ) -> tuple[int, int, int]:
-    """Draw children until one is expected to fail as no known failure did.
+    """Draw children until one is expected to fail differently from every known failure.
 
     A child is expected to fail at one of the `FAILURE_DISTANCES` from the parent's place, with the
     parent's offsets, and with the parent's speeds plus the change that the model predicts.
 
     Args:
-        operators: (k,) numbers of the operators, one for each draw.
-        u: (k, m) uniform random numbers for each draw: see `vary`, then as many as the child has
-            room for.
-        parent: Curvatures of the parent, (N,) in 1/m.
-        step: Distance between two curvatures, in m.
-        place: Distance along the parent's road to the critical place, in m.
-        vector: The parent's approach to the place, (64,) in m.
-        others: Curvatures of another road of the archive for each draw, (k, room) in 1/m.
-        other_sizes: (k,) numbers of values of the other roads.
-        other_sites: (k,) indices of the values before the places of the other roads.
-        lengths: (k,) usual numbers of values of a road, see `vary`.
+        parent: The parent.
+        draws: Random choices, for a child after the other.
+        refusing: Known failures, and the least difference from them.
         limits: See `vary`.
-        known: Known failures on the parent's side.
-        opposite: Known failures on the other side, for a mirrored child.
-        least: Least difference from these failures, in m.
-        run_ups: (k,) lengths in m. A child keeps its parent's road so far before the place, and
-            `AFTER` times as far after it; the rest is drawn anew. 0: the child keeps all of it.
         weights: See `SpeedModel.weights`; empty if no speeds are predicted.
         child: Room for the child's curvatures, in 1/m.
         expected: Room for the approach with which the child is expected to fail, (64,) in m.
@@ -386,50 +452,51 @@ def draw_child(
         has moved. The index is -1 if all draws are refused.
 
     """
-    # Predicted speeds on the parent's road and on the child's, and the room for values.
-    before, after, most = np.empty(STATES), np.empty(STATES), len(child)
-    road = parent.copy()  # writable like `child`: kernels are compiled for writable arrays alone
+    step, room = parent.step, len(child)
+    speeds, child_speeds = np.empty(STATES), np.empty(STATES)  # [m/s] predicted before the place
+    # A copy is writable like `child`: kernels are compiled for writable arrays alone.
+    road = RoadSite(
+        parent.curvatures.copy(), min(int(parent.place / step), len(parent.curvatures) - 1)
+    )
     if len(weights):
-        predict(weights, road, step, place - BEHIND, before)
-    site = min(int(place / step), len(parent) - 1)
+        predict(weights, road.curvatures, step, parent.place - BEHIND, speeds)
     # A failure that refused a sibling is likely to refuse the next child.
-    recent, refusals = np.empty(_RECENT_FAILURES, np.int64), 0
-    for k in range(len(operators)):
-        n, moved = vary(
-            operators[k],
-            u[k],
-            road,
-            site,
-            others[k, : other_sizes[k]],
-            other_sites[k],
-            lengths[k],
-            limits,
-            child,
-        )
+    recent_refusers, refusals = np.empty(_RECENT_FAILURES, np.int64), 0
+    least_square = refusing.least_difference * refusing.least_difference
+    for k in range(len(draws.operators)):
+        is_mirrored = draws.operators[k] == MIRROR
+        mate = RoadSite(draws.mates[k, : draws.mate_sizes[k]], draws.mate_sites[k])
+        n, moved = vary(draws.operators[k], draws.u[k], road, mate, draws.lengths[k], limits, child)
         if n == 0:
             continue
-        _copy(vector, 0, expected, 0, len(vector))
-        there = place + moved * step
-        if run_ups[k] > 0.0:
-            _draw_fresh_ends(child[:n], step, there, run_ups[k], u[k][most:], limits)
-        failures = known
-        if operators[k] == MIRROR:
-            _scale(expected, ROAD_SIZE, ROAD_SIZE + STATES, -1.0)
-            failures = opposite
+        child_place = parent.place + moved * step
+        if draws.run_ups[k] > 0.0:
+            fresh_numbers = draws.u[k][PARAMETERS + room :]
+            _draw_fresh_ends(child[:n], step, child_place, draws.run_ups[k], fresh_numbers, limits)
+        _copy(parent.approach, 0, expected, 0, len(parent.approach))
+        if is_mirrored:
+            _scale(expected, ROAD_SIZE, ROAD_SIZE + STATES, -1.0)  # the offsets
         elif len(weights):
-            predict(weights, child[:n], step, there - BEHIND, after)
+            predict(weights, child[:n], step, child_place - BEHIND, child_speeds)
             for i in range(STATES):
-                expected[ROAD_SIZE + STATES + i] += (after[i] - before[i]) * STATE_SCALE
-        table, ds, start = table_around(
-            child[:n], step, there + min(FAILURE_DISTANCES), there + max(FAILURE_DISTANCES)
+                expected[ROAD_SIZE + STATES + i] += (child_speeds[i] - speeds[i]) * STATE_SCALE
+        table, ds, table_start = table_around(
+            child[:n],
+            step,
+            child_place + min(FAILURE_DISTANCES),
+            child_place + max(FAILURE_DISTANCES),
         )
-        there -= start
-        first = recent[: 0 if operators[k] == MIRROR else min(refusals, _RECENT_FAILURES)]
-        row = _refusing_failure(failures, expected, least * least, table, ds, there, first)
-        if row < 0:
-            set_road(expected, table, ds, there)
+        table_place = child_place - table_start
+        # The refusers lie on the parent's side, so they do not count for a mirrored child.
+        failures = refusing.opposite_side if is_mirrored else refusing.same_side
+        likely_refusers = recent_refusers[: 0 if is_mirrored else min(refusals, _RECENT_FAILURES)]
+        refuser = _refusing_failure(
+            failures, expected, least_square, table, ds, table_place, likely_refusers
+        )
+        if refuser < 0:
+            set_road(expected, table, ds, table_place)
             return k, n, moved
-        if operators[k] != MIRROR:
-            recent[refusals % _RECENT_FAILURES] = row
+        if not is_mirrored:
+            recent_refusers[refusals % _RECENT_FAILURES] = refuser
             refusals += 1
     return -1, 0, 0
