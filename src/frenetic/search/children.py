@@ -8,15 +8,15 @@ from itertools import islice
 from typing import Any, NamedTuple
 
 from frenetic._support.arrays import FloatArray
+from frenetic.search.approach import ALIKE
 from frenetic.search.archive import Archive
 from frenetic.search.failing import FailureModel
 from frenetic.search.prediction import Foresight, promise_of
 from frenetic.search.records import Candidate, Origin
 
-NEW_DIFFERENCE = 2.0
-"""Least difference from every known failure with which a failure counts as entirely new, in m (our
-choice). It happens to equal `approach.ALIKE`, by which reports group failures: the search does not
-depend on that value."""
+NEW_DIFFERENCE = ALIKE
+"""Least difference from every known failure with which a failure counts as entirely new, in m: what
+is new for the search is new for the analysis, too."""
 _LIKELIEST_OF = 6  # children of which the likeliest to fail is chosen (our choice)
 _MAX_FORESEEN = 40  # children that foresight looks at for one road (our choice)
 
