@@ -27,18 +27,10 @@ from frenetic.search.approach import (
     table_around,
 )
 from frenetic.search.archive import APART, LEFT, RIGHT, Archive, Place, critical_places
+from frenetic.search.child_draws import ChildDraws, Parent, RefusingFailures, draw_child
 from frenetic.search.known_failures import NOTHING, Known, KnownFailures
 from frenetic.search.operators import CURVATURE_BOUND, random_curvatures
-from frenetic.search.variation import (
-    OPERATORS,
-    PARAMETERS,
-    ChildDraws,
-    Parent,
-    RefusingFailures,
-    RoadSite,
-    draw_child,
-    vary,
-)
+from frenetic.search.variation import OPERATORS, PARAMETERS, RoadSite, vary
 
 
 def drive(candidate: Candidate, moobd: float, place: float, spent: float = 0.5) -> Evaluation:

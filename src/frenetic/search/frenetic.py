@@ -17,6 +17,7 @@ from frenetic.road import profile
 from frenetic.road.classes import RoadClass
 from frenetic.search.approach import SIZE
 from frenetic.search.archive import LEFT, RIGHT, Archive, critical_places
+from frenetic.search.child_draws import ChildDraws, Parent, RefusingFailures, draw_child
 from frenetic.search.children import (
     NEW_DIFFERENCE,
     Child,
@@ -47,16 +48,7 @@ from frenetic.search.random_roads import (
 from frenetic.search.records import Candidate, Evaluation, Origin
 from frenetic.search.speed_model import SpeedModel
 from frenetic.search.strategy import Ledger, Strategy, checked_options
-from frenetic.search.variation import (
-    MIRROR,
-    OPERATORS,
-    PARAMETERS,
-    SPLICE,
-    ChildDraws,
-    Parent,
-    RefusingFailures,
-    draw_child,
-)
+from frenetic.search.variation import MIRROR, OPERATORS, PARAMETERS, SPLICE
 
 # The values are our choice; research/search.md measures `_FRESH_SHARE` and `_RUN_UP_TIME`.
 #

@@ -1,4 +1,4 @@
-"""Operators that vary a road around a critical place, and the kernel that tries them.
+"""Operators that vary a road around a critical place.
 
 The *place*, a distance along the road, is where the car failed or came near failing on the parent's
 road; the *site* is the index of the road's value just before the place. An operator makes a child's
@@ -20,38 +20,15 @@ m                      one for each value of the child's fresh ends
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from frenetic._support.arrays import FloatArray
 from frenetic._support.compiled import njit
 from frenetic.road.conforming import conform
-from frenetic.search.approach import (
-    AHEAD,
-    BEHIND,
-    POINTS_BEHIND,
-    ROAD_SIZE,
-    SPACING,
-    STATE_SCALE,
-    STATES,
-    points_along,
-    set_points,
-    set_road,
-    squared_difference,
-    table_around,
-)
 from frenetic.search.elements import draw_elements
-from frenetic.search.known_failures import Known, near_failure
 from frenetic.search.operators import CURVATURE_BOUND
-from frenetic.search.speed_model import predict
-
-if TYPE_CHECKING:
-    from typing import TypeAlias
-
-    import numpy.typing as npt
-
-    IntArray: TypeAlias = npt.NDArray[np.int64]
 
 _OPERATORS_FOR_ALL = (
     "redraw",
@@ -87,22 +64,9 @@ PARAMETERS = 8
 """Number of an operator's parameters: uniform random numbers beside one for each value."""
 MIN_REST = 3
 """Least number of values after the site that a road has if they are redrawn (our choice)."""
-_AFTER_SHARE = 1.0 / 3.0
+AFTER_SHARE = 1.0 / 3.0
 """Length of road after the place that a child with a fresh road keeps, as a share of the length
 before the place (our choice)."""
-FAILURE_DISTANCES = (0.0, -5.0, 5.0, 10.0, 15.0)
-"""Distances from the parent's place to the places where a child may fail, in m, the likeliest first
-(our choice)."""
-_FAILURE_POINTS = tuple(
-    POINTS_BEHIND + round((distance - min(FAILURE_DISTANCES)) / SPACING)
-    for distance in FAILURE_DISTANCES
-)
-"""Indices of the points at these places, among the points from `BEHIND` m before the first place
-on."""
-_POINTS = max(_FAILURE_POINTS) + round(AHEAD / SPACING) + 1
-"""Number of these points, up to `AHEAD` m after the last place."""
-_RECENT_FAILURES = 8
-"""Failures that refused siblings of a child and are compared with the child first (our choice)."""
 _MIN_VALUES = 5  # least number of values of a child (our choice)
 
 
@@ -113,63 +77,6 @@ class RoadSite(NamedTuple):
     """Curvatures, (N,) in 1/m."""
     site: int
     """Index of the value just before the place."""
-
-
-class Parent(NamedTuple):
-    """A place of the archive whose road is varied."""
-
-    curvatures: FloatArray
-    """Curvatures of the road, (N,) in 1/m."""
-    step: float
-    """Distance between two curvatures, in m."""
-    place: float
-    """Distance along the road to the critical place, in m."""
-    approach: FloatArray
-    """Approach to the place, (64,) in m."""
-
-
-class ChildDraws(NamedTuple):
-    """Random choices for k draws of a child, each of which may be refused."""
-
-    operators: IntArray
-    """Numbers of the operators, (k,)."""
-    u: FloatArray
-    """Uniform random numbers, a row for each draw, see the module's table."""
-    mates: FloatArray
-    """Curvatures of another road of the archive for each draw, (k, room) in 1/m."""
-    mate_sizes: IntArray
-    """Numbers of values of these roads, (k,)."""
-    mate_sites: IntArray
-    """Sites of these roads, (k,)."""
-    lengths: IntArray
-    """Usual numbers of values of a road, for children with a new end, (k,)."""
-    run_ups: FloatArray
-    """Lengths in m, (k,). A child keeps its parent's road so far before the place, and
-    `_AFTER_SHARE` times as far after it; its ends are drawn anew. 0: the child keeps all of it."""
-
-    def after(self, draw: int) -> ChildDraws:
-        """Return the draws after the draw with an index."""
-        start = draw + 1
-        return ChildDraws(
-            operators=self.operators[start:],
-            u=self.u[start:],
-            mates=self.mates[start:],
-            mate_sizes=self.mate_sizes[start:],
-            mate_sites=self.mate_sites[start:],
-            lengths=self.lengths[start:],
-            run_ups=self.run_ups[start:],
-        )
-
-
-class RefusingFailures(NamedTuple):
-    """Known failures that refuse children who are expected to fail as these failures did."""
-
-    same_side: Known
-    """Known failures on the parent's side."""
-    opposite_side: Known
-    """Known failures on the other side, for a mirrored child."""
-    least_difference: float
-    """Least difference of a child from these failures, in m."""
 
 
 @njit()
@@ -194,7 +101,7 @@ def _between(u: float, low: float, high: float) -> float:
 
 
 @njit()
-def _copy(values: FloatArray, first: int, child: FloatArray, start: int, end: int) -> None:
+def copy_values(values: FloatArray, first: int, child: FloatArray, start: int, end: int) -> None:
     """Copy values from index `first` on to start..end-1 of a child."""
     # A loop, since numba takes two seconds to compile the assignment of a slice.
     for i in range(start, end):
@@ -202,7 +109,7 @@ def _copy(values: FloatArray, first: int, child: FloatArray, start: int, end: in
 
 
 @njit()
-def _scale(child: FloatArray, first: int, end: int, factor: float) -> None:
+def scale_values(child: FloatArray, first: int, end: int, factor: float) -> None:
     """Multiply values first..end-1 of a child by a factor."""
     for i in range(first, end):
         child[i] *= factor
@@ -277,13 +184,13 @@ def _change_values(
         start = max(end - _whole(u[1], 3.0, 6.0), 0)
         _draw(child, start, end, child[start - 1] if start > 0 else 0.0, numbers, limits)
     elif operator == SCALE:
-        _scale(child, 0, n, _between(u[0], 0.8, 1.25))
+        scale_values(child, 0, n, _between(u[0], 0.8, 1.25))
     elif operator == AMPLIFY:  # the bend
-        _scale(child, max(site - 3, 0), min(site + 3, n), _between(u[0], 1.1, 1.6))
+        scale_values(child, max(site - 3, 0), min(site + 3, n), _between(u[0], 1.1, 1.6))
     elif operator == FLATTEN:  # the way to the place, on which the car becomes faster
-        _scale(child, max(site - 9, 0), max(site - 2, 0), _between(u[0], 0.2, 0.8))
+        scale_values(child, max(site - 9, 0), max(site - 2, 0), _between(u[0], 0.2, 0.8))
     elif operator == MIRROR:
-        _scale(child, 0, n, -1.0)
+        scale_values(child, 0, n, -1.0)
 
 
 @njit()
@@ -319,7 +226,7 @@ def vary(
         keep = max(site + 1 - _whole(u[0], 0.0, 2.0), 2)
         n = max(length, keep + MIN_REST)
         if n <= room:
-            _copy(road, 0, child, 0, keep)
+            copy_values(road, 0, child, 0, keep)
             _draw(child, keep, n, child[keep - 1], numbers, limits)
     elif operator == PREFIX:  # another way to the place
         start = max(site - _whole(u[0], 3.0, 6.0), 0)
@@ -328,25 +235,25 @@ def vary(
         n = min(len(road) + moved, max(length, site + moved + MIN_REST))
         if n <= room:
             _draw(child, 0, new, 0.0, numbers, limits)
-            _copy(road, start, child, new, n)
+            copy_values(road, start, child, new, n)
     elif operator == SPLICE:  # the mate's road from its place on
         keep = max(site + 1 - _whole(u[0], 0.0, 2.0), 2)
         start = max(mate.site - _whole(u[1], 2.0, 6.0), 0)
         n = min(keep + len(mate.curvatures) - start, max(length, keep + MIN_REST))
         if n <= room:
-            _copy(road, 0, child, 0, keep)
-            _copy(mate.curvatures, start, child, keep, n)
+            copy_values(road, 0, child, 0, keep)
+            copy_values(mate.curvatures, start, child, keep, n)
     elif operator == STRAIGHT:  # a straight before the place
         start = max(site - _whole(u[0], 1.0, 3.0), 0)
         moved = _whole(u[1], 2.0, 5.0)
         n = min(len(road) + moved, max(length, site + moved + MIN_REST))
         if n <= room:
-            _copy(road, 0, child, 0, start)
+            copy_values(road, 0, child, 0, start)
             for i in range(start, start + moved):
                 child[i] = 0.0
-            _copy(road, start, child, start + moved, n)
+            copy_values(road, start, child, start + moved, n)
     elif n <= room:
-        _copy(road, 0, child, 0, n)
+        copy_values(road, 0, child, 0, n)
         _change_values(operator, u, parent, limits, child[:n])
     if not _MIN_VALUES <= n <= room:
         return 0, 0
@@ -358,7 +265,7 @@ def vary(
 
 
 @njit()
-def _draw_fresh_ends(
+def draw_fresh_ends(
     child: FloatArray,
     step: float,
     place: float,
@@ -372,131 +279,15 @@ def _draw_fresh_ends(
         child: Values of the child, (n,) in 1/m.
         step: Distance between two values, in m.
         place: Distance along the child's road to the place, in m.
-        run_up: Length of road before the place that stays, in m; after the place, `_AFTER_SHARE`
+        run_up: Length of road before the place that stays, in m; after the place, `AFTER_SHARE`
             times as much stays.
         numbers: Uniform random numbers, one for each value.
         limits: See `vary`.
     """
     n = len(child)
     first = max(int((place - run_up) / step), 0)
-    end = min(int((place + _AFTER_SHARE * run_up) / step) + 1, n)
+    end = min(int((place + AFTER_SHARE * run_up) / step) + 1, n)
     _draw(child, 0, first, 0.0, numbers, limits)
     _draw(child, end, n, child[end - 1], numbers[first:], limits)
     if has_class(limits):
         conform(child, limits, np.empty(n))
-
-
-@njit()
-def _refusing_failure(
-    failures: Known,
-    expected: FloatArray,
-    square: float,
-    table: FloatArray,
-    ds: float,
-    place: float,
-    likely_refusers: IntArray,
-) -> int:
-    """Return the row of a known failure that refuses a child; -1 if there is none.
-
-    Args:
-        failures: Known failures.
-        expected: Approach with which the child is expected to fail, (64,) in m; its road is
-            overwritten.
-        square: Squared difference below which a failure refuses the child, in m².
-        table: Table of the child's road, see `table_around`.
-        ds: Distance between two rows of the table, in m.
-        place: Distance along the table's road to the place, in m. The child may fail at any of the
-            `FAILURE_DISTANCES` from there.
-        likely_refusers: Rows of failures that are compared first.
-    """
-    points = points_along(table, ds, place + min(FAILURE_DISTANCES) - BEHIND, _POINTS)
-    for point in _FAILURE_POINTS:
-        set_points(expected, points, point)
-        for row in likely_refusers:
-            if squared_difference(failures.vectors[row], expected, square) < square:
-                return int(row)
-    for point in _FAILURE_POINTS:
-        set_points(expected, points, point)
-        near: int = near_failure(failures, expected, square)
-        if near >= 0:
-            return near
-    return -1
-
-
-@njit()
-def draw_child(
-    parent: Parent,
-    draws: ChildDraws,
-    refusing: RefusingFailures,
-    limits: FloatArray,
-    weights: FloatArray,
-    child: FloatArray,
-    expected: FloatArray,
-) -> tuple[int, int, int]:
-    """Draw children until one is expected to fail differently from every known failure.
-
-    A child is expected to fail at one of the `FAILURE_DISTANCES` from the parent's place, with the
-    parent's offsets, and with the parent's speeds plus the change that the model predicts.
-
-    Args:
-        parent: The parent.
-        draws: Random choices, for a child after the other.
-        refusing: Known failures, and the least difference from them.
-        limits: See `vary`.
-        weights: See `SpeedModel.weights`; empty if no speeds are predicted.
-        child: Room for the child's curvatures, in 1/m.
-        expected: Room for the approach with which the child is expected to fail, (64,) in m.
-
-    Returns:
-        The index of the child's draw, the number of its values, and by how many values the place
-        has moved. The index is -1 if all draws are refused.
-
-    """
-    step, room = parent.step, len(child)
-    speeds, child_speeds = np.empty(STATES), np.empty(STATES)  # [m/s] predicted before the place
-    # A copy is writable like `child`: kernels are compiled for writable arrays alone.
-    road = RoadSite(
-        parent.curvatures.copy(), min(int(parent.place / step), len(parent.curvatures) - 1)
-    )
-    if len(weights):
-        predict(weights, road.curvatures, step, parent.place - BEHIND, speeds)
-    # A failure that refused a sibling is likely to refuse the next child.
-    recent_refusers, refusals = np.empty(_RECENT_FAILURES, np.int64), 0
-    least_square = refusing.least_difference * refusing.least_difference
-    for k in range(len(draws.operators)):
-        is_mirrored = draws.operators[k] == MIRROR
-        mate = RoadSite(draws.mates[k, : draws.mate_sizes[k]], draws.mate_sites[k])
-        n, moved = vary(draws.operators[k], draws.u[k], road, mate, draws.lengths[k], limits, child)
-        if n == 0:
-            continue
-        child_place = parent.place + moved * step
-        if draws.run_ups[k] > 0.0:
-            fresh_numbers = draws.u[k][PARAMETERS + room :]
-            _draw_fresh_ends(child[:n], step, child_place, draws.run_ups[k], fresh_numbers, limits)
-        _copy(parent.approach, 0, expected, 0, len(parent.approach))
-        if is_mirrored:
-            _scale(expected, ROAD_SIZE, ROAD_SIZE + STATES, -1.0)  # the offsets
-        elif len(weights):
-            predict(weights, child[:n], step, child_place - BEHIND, child_speeds)
-            for i in range(STATES):
-                expected[ROAD_SIZE + STATES + i] += (child_speeds[i] - speeds[i]) * STATE_SCALE
-        table, ds, table_start = table_around(
-            child[:n],
-            step,
-            child_place + min(FAILURE_DISTANCES),
-            child_place + max(FAILURE_DISTANCES),
-        )
-        table_place = child_place - table_start
-        # The refusers lie on the parent's side, so they do not count for a mirrored child.
-        failures = refusing.opposite_side if is_mirrored else refusing.same_side
-        likely_refusers = recent_refusers[: 0 if is_mirrored else min(refusals, _RECENT_FAILURES)]
-        refuser = _refusing_failure(
-            failures, expected, least_square, table, ds, table_place, likely_refusers
-        )
-        if refuser < 0:
-            set_road(expected, table, ds, table_place)
-            return k, n, moved
-        if not is_mirrored:
-            recent_refusers[refusals % _RECENT_FAILURES] = refuser
-            refusals += 1
-    return -1, 0, 0
