@@ -20,7 +20,7 @@ from frenetic._support.option_text import read_part
 from frenetic.analysis.statistics import ranks
 from frenetic.errors import FreneticError
 from frenetic.oracle.assessment import REACHED, assess
-from frenetic.plugins.twin.fitting import Fit
+from frenetic.plugins.twin.fitting import Fitter
 from frenetic.plugins.twin.intervals import fitted_parameters
 from frenetic.plugins.twin.model import TwinModel
 from frenetic.plugins.twin.profile import PredictionFigures, TwinProfile, Validation
@@ -117,7 +117,7 @@ def calibrate(
             f"{len(drives)} recorded drives: at least {MIN_DRIVES} are needed to calibrate on"
         )
     terms = recordings.terms
-    fit = Fit(model, terms.rules)
+    fitter = Fitter(model, terms.rules)
     start = np.array([parameter.unit_start for parameter in model.parameters])
     failed = np.array([drive.failed for drive in drives], dtype=np.float64)
     by_run = len(recordings.runs) > 1
@@ -125,13 +125,13 @@ def calibrate(
     fit_count = int(folds.max()) + 2  # one for each fold, one for all drives
     compile_kernels()
     with threadpool_limits(1):  # threads would wait for each other on small matrices
-        fit.residuals_by_drive(start, drives[:1])  # raises if the driver breaks
-        unfitted_drives = drive_roads(fit, start, drives)
+        fitter.residuals_by_drive(start, drives[:1])  # raises if the driver breaks
+        unfitted_drives = drive_roads(fitter, start, drives)
         held_out_drives, score, fold_values = _cross_validate(
-            fit, start, drives, folds, lambda done: on_progress(done, fit_count)
+            fitter, start, drives, folds, lambda done: on_progress(done, fit_count)
         )
-        best = _best(fit, [start, *fold_values], drives)
-        fitted = fitted_parameters(fit, best, drives, fold_values)
+        best = _best(fitter, [start, *fold_values], drives)
+        fitted = fitted_parameters(fitter, best, drives, fold_values)
         on_progress(fit_count, fit_count)
     twin_figures = figures_of(score, failed, held_out_drives)
     baselines = _baselines(drives, _scores(unfitted_drives), failed)
@@ -164,7 +164,7 @@ def _baselines(
 
 
 def _cross_validate(
-    fit: Fit,
+    fitter: Fitter,
     start: FloatArray,
     drives: list[RecordedDrive],
     folds: IntArray,
@@ -183,8 +183,8 @@ def _cross_validate(
         on_progress(k)
         train, held_out = np.flatnonzero(folds != k), np.flatnonzero(folds == k)
         random_starts = np.random.default_rng(k).random((RANDOM_STARTS, len(start)))
-        fold_values.append(_best(fit, [start, *random_starts], [drives[i] for i in train]))
-        twin_drives = drive_roads(fit, fold_values[-1], drives)
+        fold_values.append(_best(fitter, [start, *random_starts], [drives[i] for i in train]))
+        twin_drives = drive_roads(fitter, fold_values[-1], drives)
         held_out_drives |= {i: twin_drives[i] for i in held_out.tolist()}
         # Scores of several twins are not comparable: one may leave its lane by more everywhere.
         # So a fold's roads get their ranks among all roads that its twin drives.
@@ -193,9 +193,11 @@ def _cross_validate(
     return [held_out_drives[i] for i in range(len(drives))], score, fold_values
 
 
-def _best(fit: Fit, starts: Sequence[FloatArray], drives: Sequence[RecordedDrive]) -> FloatArray:
+def _best(
+    fitter: Fitter, starts: Sequence[FloatArray], drives: Sequence[RecordedDrive]
+) -> FloatArray:
     """Return the unit values of least loss that fits from these starts reach."""
-    losses_and_values = (fit.run(start, drives) for start in starts)
+    losses_and_values = (fitter.fit(start, drives) for start in starts)
     _, unit_values = min(losses_and_values, key=lambda loss_and_values: loss_and_values[0])
     return unit_values
 
@@ -225,16 +227,15 @@ def folds_of(drives: Sequence[RecordedDrive], *, by_run: bool) -> IntArray:
 
 
 def drive_roads(
-    fit: Fit, unit_values: FloatArray, drives: Sequence[RecordedDrive]
+    fitter: Fitter, unit_values: FloatArray, drives: Sequence[RecordedDrive]
 ) -> list[TwinDrive]:
     """Return how the twin with these unit values drives the roads of recorded drives.
 
     Raises:
-        FreneticError: the driver refuses its values.
-        ValueError: the car refuses its values.
+        FreneticError: driver or car refuse the values.
     """
     twin_drives = []
-    for recorded, drive in fit.drive_all(unit_values, drives):
+    for recorded, drive in fitter.drive_all(unit_values, drives):
         assessment = assess(recorded.road, drive)
         offset = states_of(drive, assessment)[0]
         k = min(len(offset), recorded.states.shape[1])

@@ -2,14 +2,15 @@
 
 A fit takes steps by Levenberg (1944) and Marquardt (1963) that lower the squared differences of
 lateral offset and speed along the roads. A car that slides makes the differences erratic. A fit
-therefore goes through stages: it starts with the parts of the drives that keep to the lane's
-middle, and takes slopes between values that lie far apart.
+therefore goes through three stages. The first compares only the parts of the drives near the lane's
+middle, and takes slopes over wide differences of the values. The second and third follow the car
+further out, over narrower differences, and the third compares more drives.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Final
@@ -25,10 +26,7 @@ from frenetic.oracle.assessment import assess
 from frenetic.oracle.drive import Drive, Rules
 from frenetic.plugins.twin.model import TwinModel
 from frenetic.plugins.twin.recorded_drive import RecordedDrive, states_of, thinned
-from frenetic.road import Road
-from frenetic.simulators.conditions import in_conditions
 from frenetic.simulators.embedded import EmbeddedSimulator
-from frenetic.simulators.simulator import Simulator
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -36,24 +34,24 @@ class _FitStage:
     """A stage of a fit."""
 
     max_offset: float
-    """Offset from which on drives are cut off, in m."""
-    drives: int
+    """Offset from the lane's middle at which recorded drives are cut off, in m."""
+    drive_count: int
     """Number of drives that are compared, as `thinned` takes it."""
-    steps: int
-    """Largest number of steps."""
+    max_steps: int
+    """Largest number of steps of the stage."""
     slope_width: float
-    """First distance of the unit values between which slopes are taken."""
+    """Width of the finite differences at the stage's start, in unit values."""
 
 
 # All values are our choice.
 _STAGES: Final = (
-    _FitStage(max_offset=0.7, drives=20, steps=6, slope_width=0.08),
-    _FitStage(max_offset=1.2, drives=20, steps=6, slope_width=0.04),
-    _FitStage(max_offset=2.0, drives=40, steps=8, slope_width=0.02),
+    _FitStage(max_offset=0.7, drive_count=20, max_steps=6, slope_width=0.08),
+    _FitStage(max_offset=1.2, drive_count=20, max_steps=6, slope_width=0.04),
+    _FitStage(max_offset=2.0, drive_count=40, max_steps=8, slope_width=0.02),
 )
 _SMALL_GAIN: Final = 0.8  # ratio of new to old loss from which on a step gained little
-_GAIN_SHRINK: Final = 0.5  # factor of the slopes' width after a step that gained little
-_FAILURE_SHRINK: Final = 0.4  # factor of the slopes' width where no step lowers the loss
+_GAIN_SHRINK: Final = 0.5  # factor of the differences' width after a step that gained little
+_FAILURE_SHRINK: Final = 0.4  # factor of the differences' width where no step lowers the loss
 _MIN_SLOPE_WIDTH: Final = 0.004  # [unit values]
 _FIRST_DAMPING: Final = 0.01
 _MIN_DAMPING: Final = 1e-4
@@ -65,12 +63,8 @@ _SCALES: Final = np.array([[1.0], [2.0]])  # [m; m/s] differences of offset, spe
 _SATURATION: Final = 2.0  # bound of a scaled difference, so that no position outweighs all others
 
 
-def drive_twin(
-    simulator: Simulator, driver: Driver, road: Road, conditions: Mapping[str, int | float]
-) -> Drive:
-    """Return the twin's drive in conditions."""
-    with in_conditions(conditions, simulator, driver) as changed:
-        return simulator.drive(road, changed)
+class UnusableValuesError(FreneticError):
+    """Values that driver or car refuse, or with which the driver breaks: no twin has them."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,13 +78,13 @@ class FitPoint:
 
     @cached_property
     def loss(self) -> float:
-        """Mean of the drives' losses: 0 if the twin drives as they were driven."""
+        """Mean of the drives' losses: 0 if the twin drives exactly as recorded."""
         return float(self.residuals @ self.residuals)
 
 
 @dataclass(frozen=True)
-class Fit:
-    """The fit of a model whose drives follow some rules.
+class Fitter:
+    """Fits a model's parameters to recorded drives.
 
     A *unit value* is the position 0..1 of a parameter's value between its bounds, see
     `frenetic.plugins.twin.model.Parameter.value_at`.
@@ -98,93 +92,107 @@ class Fit:
 
     model: TwinModel
     rules: Rules
+    """Rules of the recorded drives, which the twin's drives follow, too."""
 
     def parts(self, unit_values: FloatArray) -> tuple[Driver, EmbeddedSimulator]:
         """Return the driver and simulator with these unit values of the parameters.
 
         Raises:
-            FreneticError: the driver refuses its values.
-            ValueError: the car refuses its values.
+            UnusableValuesError: driver or car refuse the values.
         """
-        return self.model.make(self.model.values(unit_values.tolist()), self.rules)
+        try:
+            return self.model.make(self.model.values(unit_values.tolist()), self.rules)
+        except (FreneticError, ValueError) as error:
+            raise UnusableValuesError(str(error)) from error
 
     def drive_all(
-        self, unit_values: FloatArray, drives: Iterable[RecordedDrive]
+        self, unit_values: FloatArray, recorded_drives: Iterable[RecordedDrive]
     ) -> Iterator[tuple[RecordedDrive, Drive]]:
         """Yield each recorded drive with the twin's drive in its conditions.
 
         Raises:
-            FreneticError: the driver refuses its values.
-            ValueError: the car refuses its values.
+            UnusableValuesError: driver or car refuse the values.
+            CampaignError: the simulator does not start in another process.
         """
         driver, simulator = self.parts(unit_values)
-        with driving(RoadTester(simulator, driver), isolate=True) as drive:
-            for recorded in drives:
-                yield recorded, drive(recorded.road, recorded.conditions)
+        with driving(RoadTester(simulator, driver), isolate=True) as drive_road:
+            for recorded in recorded_drives:
+                yield recorded, drive_road(recorded.road, recorded.conditions)
 
     def residuals_by_drive(
-        self, unit_values: FloatArray, drives: Sequence[RecordedDrive]
+        self, unit_values: FloatArray, recorded_drives: Sequence[RecordedDrive]
     ) -> list[FloatArray]:
         """Return the weighted differences from each drive, whose squares add up to its loss.
 
         Raises:
-            FreneticError: the driver refuses its values, or it broke.
-            ValueError: the car refuses its values.
+            UnusableValuesError: driver or car refuse the values, or the driver broke.
+            CampaignError: the simulator does not start in another process.
         """
         residuals = []
-        for recorded, drive in self.drive_all(unit_values, drives):
-            if drive.trouble is not None:
-                raise FreneticError(f"the driver broke: {drive.trouble.reason}")
-            states = states_of(drive, assess(recorded.road, drive, has_shares=False))
+        for recorded, twin_drive in self.drive_all(unit_values, recorded_drives):
+            if twin_drive.trouble is not None:
+                raise UnusableValuesError(f"the driver broke: {twin_drive.trouble.reason}")
+            # Only offset and speed are compared, so the oob shares, which take time, are left out.
+            assessment = assess(recorded.road, twin_drive, has_shares=False)
+            states = states_of(twin_drive, assessment)
             residuals.append(_residuals_of(states, recorded))
         return residuals
 
     def try_residuals(
-        self, unit_values: FloatArray, drives: Sequence[RecordedDrive]
+        self, unit_values: FloatArray, recorded_drives: Sequence[RecordedDrive]
     ) -> list[FloatArray] | None:
-        """Return the `residuals_by_drive`; None if there is no such twin, or its driver broke."""
+        """Return the `residuals_by_drive`; None for values that are refused or break the driver.
+
+        Raises:
+            CampaignError: the simulator does not start in another process.
+        """
         try:
-            return self.residuals_by_drive(unit_values, drives)
-        except (FreneticError, ValueError):
+            return self.residuals_by_drive(unit_values, recorded_drives)
+        except UnusableValuesError:
             return None
 
-    def run(self, start: FloatArray, drives: Sequence[RecordedDrive]) -> tuple[float, FloatArray]:
-        """Return the loss and the unit values that a fit reaches from the unit values of a start.
+    def fit(
+        self, start: FloatArray, recorded_drives: Sequence[RecordedDrive]
+    ) -> tuple[float, FloatArray]:
+        """Return the loss and the unit values that a fit reaches from unit values at its start.
 
-        The last stage's drives give the loss; it is infinite if there is no twin at its start.
+        The last stage's drives give the loss. It is infinite if the values with which the last
+        stage starts are refused by driver or car, or break the driver.
         """
         loss, unit_values = math.inf, start
         for stage in _STAGES:
-            cut = [drive.until(stage.max_offset) for drive in thinned(drives, stage.drives)]
-            loss, unit_values = self._descend(unit_values, cut, stage)
+            compared = thinned(recorded_drives, stage.drive_count)
+            cut_drives = [recorded.until(stage.max_offset) for recorded in compared]
+            loss, unit_values = self._descend(unit_values, cut_drives, stage)
         return loss, unit_values
 
     def _descend(
-        self, start: FloatArray, drives: Sequence[RecordedDrive], stage: _FitStage
+        self, start: FloatArray, recorded_drives: Sequence[RecordedDrive], stage: _FitStage
     ) -> tuple[float, FloatArray]:
-        """Return loss and unit values after a stage's steps from a start, none of them upwards."""
-        point = self._point(start, drives)
+        """Return loss and unit values after a stage's steps, none of which raises the loss."""
+        point = self._point(start, recorded_drives)
         if point is None:
             return math.inf, start
         damping, width = _FIRST_DAMPING, stage.slope_width
-        for _ in range(stage.steps):
-            slopes = self.slopes(point, drives, width)
-            lower, damping_taken = self._lower_point(point, slopes, drives, damping)
-            if lower is None:  # slopes over a shorter width may lead to one
+        for _ in range(stage.max_steps):
+            slopes = self.slopes(point, recorded_drives, width)
+            lower_point, damping_taken = self._lower_point(point, slopes, recorded_drives, damping)
+            if lower_point is None:  # narrower differences may lead to one
                 width *= _FAILURE_SHRINK
                 if width < _MIN_SLOPE_WIDTH:
                     break
                 continue
-            if lower.loss > _SMALL_GAIN * point.loss:
+            if lower_point.loss > _SMALL_GAIN * point.loss:
                 width = max(_GAIN_SHRINK * width, _MIN_SLOPE_WIDTH)
-            point, damping = lower, max(_DAMPING_DECAY * damping_taken, _MIN_DAMPING)
+            point = lower_point
+            damping = max(_DAMPING_DECAY * damping_taken, _MIN_DAMPING)
         return point.loss, point.unit_values
 
     def _lower_point(
         self,
         point: FitPoint,
         slopes: FloatArray,
-        drives: Sequence[RecordedDrive],
+        recorded_drives: Sequence[RecordedDrive],
         damping: float,
     ) -> tuple[FitPoint | None, float]:
         """Return the first point of lower loss, and its damping; None if no damping leads to one.
@@ -196,32 +204,36 @@ class Fit:
             damped = normal + factor * damping * np.diag(np.diag(normal))
             step = np.linalg.solve(damped, -slopes.T @ point.residuals)
             moved = point.unit_values + np.clip(step, -_MAX_STEP, _MAX_STEP)
-            trial = self._point(np.clip(moved, 0.0, 1.0), drives)
+            trial = self._point(np.clip(moved, 0.0, 1.0), recorded_drives)
             if trial is not None and trial.loss < point.loss:
                 return trial, factor * damping
         return None, damping
 
-    def slopes(self, point: FitPoint, drives: Sequence[RecordedDrive], width: float) -> FloatArray:
+    def slopes(
+        self, point: FitPoint, recorded_drives: Sequence[RecordedDrive], width: float
+    ) -> FloatArray:
         """Return the slopes of the residuals by the unit values, (m, p).
 
         A slope is a finite difference: the unit value moves by ``width`` towards the middle of its
-        bounds. The slope is 0 if the moved value has no twin; then a step leaves this parameter as
-        it is.
+        bounds. The slope is 0 if the moved value is refused or breaks the driver; then a step
+        leaves this parameter as it is.
         """
         unit_values = point.unit_values
         slopes = np.zeros((len(point.residuals), len(unit_values)))
         for k in range(len(unit_values)):
             moved = unit_values.copy()
             moved[k] += width if unit_values[k] < 0.5 else -width
-            moved_point = self._point(moved, drives)
+            moved_point = self._point(moved, recorded_drives)
             if moved_point is not None:
                 change = moved_point.residuals - point.residuals
                 slopes[:, k] = change / (moved[k] - unit_values[k])
         return slopes
 
-    def _point(self, unit_values: FloatArray, drives: Sequence[RecordedDrive]) -> FitPoint | None:
-        """Return the point at these unit values; None if there is no such twin, or it broke."""
-        residuals = self.try_residuals(unit_values, drives)
+    def _point(
+        self, unit_values: FloatArray, recorded_drives: Sequence[RecordedDrive]
+    ) -> FitPoint | None:
+        """Return the point at these unit values; None if they are refused or break the driver."""
+        residuals = self.try_residuals(unit_values, recorded_drives)
         return None if residuals is None else FitPoint(unit_values, joined(residuals))
 
 

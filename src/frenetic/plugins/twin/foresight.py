@@ -21,7 +21,7 @@ from frenetic.errors import FreneticError
 from frenetic.parts.construction import option_names
 from frenetic.parts.registry import hint
 from frenetic.parts.versions import SHORT
-from frenetic.plugins.twin.fitting import Fit, drive_twin
+from frenetic.plugins.twin.fitting import Fitter
 from frenetic.plugins.twin.model import TwinModel
 from frenetic.plugins.twin.profile import TwinProfile
 from frenetic.plugins.twin.recorded_drive import MIN_POSITIONS, RecordedDrive, on_grid
@@ -30,7 +30,7 @@ from frenetic.road import Road
 from frenetic.search import Frenetic
 from frenetic.search.records import Candidate, Evaluation
 from frenetic.simulators.capabilities import capabilities
-from frenetic.simulators.conditions import rules_in
+from frenetic.simulators.conditions import in_conditions, rules_in
 from frenetic.simulators.embedded.vehicle import CARS
 from frenetic.spec import Spec
 
@@ -153,7 +153,7 @@ class OnlineTwin:
     """
 
     def __init__(self, models: Sequence[TwinModel], spec: Spec, *, is_ready: bool = False) -> None:
-        self._fits = [Fit(model, rules_in(spec.conditions, spec.rules)) for model in models]
+        self._fitters = [Fitter(model, rules_in(spec.conditions, spec.rules)) for model in models]
         self._spec = spec
         self._objective = Objective.load(spec.named_objective)
         # Of each model, before the first fit:
@@ -167,8 +167,8 @@ class OnlineTwin:
         self.is_ready = is_ready
         """Whether the twin can predict drives."""
         parts = [
-            fit.parts(unit_values)
-            for fit, unit_values in zip(self._fits, self._unit_values, strict=True)
+            fitter.parts(unit_values)
+            for fitter, unit_values in zip(self._fitters, self._unit_values, strict=True)
         ]
         for model, (driver, simulator) in zip(models, parts, strict=True):
             if not simulator.drives_compiled(driver):
@@ -185,7 +185,8 @@ class OnlineTwin:
         """Return the twin's evaluation of a candidate; None if it neither passes nor fails."""
         road = self._road(candidate)
         driver, simulator = self._parts
-        drive = drive_twin(simulator, driver, road, self._conditions(candidate))
+        with in_conditions(self._conditions(candidate), simulator, driver) as changed_driver:
+            drive = simulator.drive(road, changed_driver)
         evaluation = evaluate(candidate, road, drive, objective=self._objective)
         return evaluation if evaluation.outcome.is_driven else None
 
@@ -194,7 +195,7 @@ class OnlineTwin:
 
         A loss of 0 means that the twin drives as the driver under test does.
         """
-        loss, model = self._losses[self._best], self._fits[self._best].model
+        loss, model = self._losses[self._best], self._fitters[self._best].model
         values = model.values(self._unit_values[self._best].tolist())
         parameters = [f"{name.partition('.')[2]} {value:.3g}" for name, value in values.items()]
         facts = {"twin": ", ".join([model.driver, *parameters])}
@@ -222,10 +223,10 @@ class OnlineTwin:
         max_loss = _HOPELESS_LOSS_RATIO * min(self._losses)
         for number, loss in enumerate(self._losses):
             if loss <= max_loss:
-                fitted = self._fits[number].run(self._unit_values[number], drives)
+                fitted = self._fitters[number].fit(self._unit_values[number], drives)
                 self._losses[number], self._unit_values[number] = fitted
         self._best = int(np.argmin(self._losses))
-        self._parts = self._fits[self._best].parts(self._unit_values[self._best])
+        self._parts = self._fitters[self._best].parts(self._unit_values[self._best])
         self.is_ready = True
 
     def _drives_to_fit(self) -> list[RecordedDrive]:

@@ -8,7 +8,7 @@ from typing import Final
 import numpy as np
 
 from frenetic._support.arrays import FloatArray
-from frenetic.plugins.twin.fitting import Fit, FitPoint, joined, normal_matrix
+from frenetic.plugins.twin.fitting import FitPoint, Fitter, joined, normal_matrix
 from frenetic.plugins.twin.profile import Fitted
 from frenetic.plugins.twin.recorded_drive import IntArray, RecordedDrive, group_labels, thinned
 
@@ -21,7 +21,7 @@ _BOUND_DISTANCE: Final = 0.02  # [unit values] below which an end is at the boun
 
 
 def fitted_parameters(
-    fit: Fit,
+    fitter: Fitter,
     best: FloatArray,
     drives: Sequence[RecordedDrive],
     other_fits: Sequence[FloatArray],
@@ -40,14 +40,14 @@ def fitted_parameters(
     end at one of them: values beyond a bound may be as good.
 
     Args:
-        fit: the fit of the model.
+        fitter: fitter of the model.
         best: unit values that were fitted to the drives.
         drives: the recorded drives.
         other_fits: unit values that were fitted to parts of the drives.
     """
-    search = _IntervalSearch(fit, best, drives)
+    search = _IntervalSearch(fitter, best, drives)
     fitted = []
-    for k, parameter in enumerate(fit.model.parameters):
+    for k, parameter in enumerate(fitter.model.parameters):
         low, high = search.ends(k, [float(values[k]) for values in other_fits])
         # An interval that ends at both bounds is only too wide: no single bound decides.
         at_bound = (low < _BOUND_DISTANCE) != (1.0 - high < _BOUND_DISTANCE)
@@ -69,15 +69,15 @@ def fitted_parameters(
 class _IntervalSearch:
     """The search for values of one parameter that explain the drives as well as the best value."""
 
-    def __init__(self, fit: Fit, best: FloatArray, drives: Sequence[RecordedDrive]) -> None:
-        self._fit = fit
+    def __init__(self, fitter: Fitter, best: FloatArray, drives: Sequence[RecordedDrive]) -> None:
+        self._fitter = fitter
         self._best = best
         self._drives = thinned(drives, _DRIVES)
         self._labels = group_labels(self._drives)
-        residuals = fit.residuals_by_drive(best, self._drives)
+        residuals = fitter.residuals_by_drive(best, self._drives)
         self._best_losses = _losses(residuals)
         point = FitPoint(best, joined(residuals))
-        self._normal = normal_matrix(fit.slopes(point, self._drives, _SLOPE_WIDTH))
+        self._normal = normal_matrix(fitter.slopes(point, self._drives, _SLOPE_WIDTH))
 
     def ends(self, k: int, other_fitted: Sequence[float]) -> tuple[float, float]:
         """Return both ends of parameter k's interval, in unit values.
@@ -117,7 +117,7 @@ class _IntervalSearch:
 
     def _is_as_good(self, unit_values: FloatArray) -> bool:
         """Return whether the loss with these unit values may be the best one but for chance."""
-        residuals = self._fit.try_residuals(unit_values, self._drives)
+        residuals = self._fitter.try_residuals(unit_values, self._drives)
         if residuals is None:
             return False
         mean, error = mean_difference(_losses(residuals), self._best_losses, self._labels)
