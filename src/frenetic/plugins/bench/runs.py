@@ -192,7 +192,8 @@ def hosted_generator(run: EntrantRun, terms: RunTerms) -> Iterator[GeneratorStra
         terms: terms of the bench.
 
     Raises:
-        OSError: the generator's folder cannot be copied, or its process cannot be started.
+        OSError: the generator's folder cannot be copied, its log cannot be written, or its process
+            cannot be started.
     """
     work = run.folder.absolute() / WORK
     if run.entrant.copy is not None:
