@@ -609,6 +609,16 @@ def test_the_time_in_a_drivers_python_code_is_measured(
 
 def test_a_driver_that_takes_most_of_the_time_is_named_slow() -> None:
     slow = Summary(drive_seconds=20.0, driver_seconds=19.0)
-    assert slow.slow_driver_text == "Your driver takes 95 % of the time"
-    assert Summary(drive_seconds=20.0, driver_seconds=15.0).slow_driver_text == ""
-    assert Summary().slow_driver_text == ""
+    assert slow.slow_driver_text() == "Your driver takes 95 % of the time"
+    assert Summary(drive_seconds=20.0, driver_seconds=15.0).slow_driver_text() == ""
+    assert Summary().slow_driver_text() == ""
+
+
+def test_a_snapshot_of_a_summary_refuses_more_results() -> None:
+    candidate = Candidate(1, np.array([0.0, 0.01]), 10.0, Origin("random"))
+    summary = Summary()
+    summary.add(candidate, Outcome.PASS, 1.5)
+    with pytest.raises(RuntimeError, match="add to the original"):
+        summary.snapshot(1.0).add(candidate, Outcome.PASS, 1.5)
+    summary.add(candidate, Outcome.PASS, 1.5)
+    assert (summary.tests, summary.roads, summary.repeats) == (2, 1, 1)

@@ -69,7 +69,16 @@ class Counts:
         return cls(**numbers, min_moobd=min_moobd)
 
     def add(self, candidate: Candidate, outcome: Outcome, moobd: float | None) -> None:
-        """Count the result of a candidate, with its MOOBD in m."""
+        """Count the result of a candidate, with its MOOBD in m.
+
+        Raises:
+            RuntimeError: the counts are a copy, or were read, and do not know their roads.
+        """
+        if self.roads != len(self._road_keys):
+            raise RuntimeError(
+                "these counts are a copy, or were read, and do not know which roads are counted:"
+                " add to the original"
+            )
         name = _OUTCOME_NAMES[outcome]
         setattr(self, name, getattr(self, name) + 1)
         if outcome.is_test:

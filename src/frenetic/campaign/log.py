@@ -146,10 +146,10 @@ class CampaignLog:
         """Write the counts, the worst value and the spent share of the budget."""
         self.write(
             LogEvent.PROGRESS,
-            f"{summary.as_text()}{summary.worst_as_text},"
+            f"{summary.as_text()}{summary.worst_as_text()},"
             f" {summary.budget_spent:.1%} of the budget spent",
             **summary.counts_json(),
-            **summary.objective_json,
+            **summary.objective_json(),
             seconds=round(summary.seconds, 3),
             budget_spent=round(summary.budget_spent, 6),
             tests_per_second=float(f"{summary.tests_per_second:.3g}"),

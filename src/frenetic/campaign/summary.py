@@ -20,24 +20,30 @@ from frenetic.spec import Budget
 
 EventKind: TypeAlias = Literal["started", "result", "interrupted", "complete"]
 SLOW_DRIVER_SHARE: Final = 0.8
-"""Share of the tests' time in the driver's code from which the summary says so (our choice)."""
+"""Share of the tests' time in the driver's code above which the driver is slow (our choice)."""
 
 
 @dataclass
 class Summary(Counts):
-    """What a campaign has found, so far or when it ended."""
+    """What a campaign has found, so far or when it ended.
+
+    The *MOOBD* (minimum out-of-bounds distance) of a drive is the least distance of the car's
+    centre from the edge of its lane, in m. It is positive inside the lane and negative outside.
+    """
 
     seconds: float = 0.0
     """Wall time since the start, in s."""
     budget_spent: float = 0.0
-    """Spent share of the budget, from 0 to 1."""
+    """Spent share of the budget, from 0 to 1: the `reported_share`, or without a report the share
+    that the campaign counts."""
     reported_share: float | None = None
-    """Spent share of the budget that a client reported last; None without such a report."""
+    """Last report of a program that drives the roads itself, by ask-tell, on the spent share of the
+    budget; None without a report. The program may know costs that the campaign cannot count."""
     lane_width: float = LANE_WIDTH
     """Width of each lane, in m."""
     objective: str = ""
-    """Name of the objective; empty before the first drive, and if the search minimises the MOOBD,
-    the car's least distance to its lane's edge."""
+    """Name of the objective; empty before the first drive, and if the search minimises the
+    MOOBD."""
     worst: float | None = None
     """Worst value of the objective for the driver so far; None while `objective` is empty."""
     strategy_seconds: float = 0.0
@@ -84,7 +90,7 @@ class Summary(Counts):
     def snapshot(self, seconds: float) -> Self:
         """Return a copy for callers, which stays as it is when this summary changes.
 
-        Do not `add` to the copy: it does not know which roads are counted.
+        The copy does not know which roads are counted, so its `add` raises.
 
         Args:
             seconds: wall time since the start, in s.
@@ -94,12 +100,12 @@ class Summary(Counts):
     def update_budget_spent(
         self, budget: Budget, seconds: float, reported_share: float | None = None
     ) -> None:
-        """Set the spent share of the budget: a client's last report, or else what was counted.
+        """Set the spent share of the budget: the last report, or else what the campaign counts.
 
         Args:
             budget: budget of the campaign.
             seconds: time of the campaign so far, in s.
-            reported_share: share that a client reports with a result; None without a report.
+            reported_share: share that came with a result, see the field; None without a report.
         """
         if reported_share is not None:
             self.reported_share = reported_share
@@ -113,9 +119,8 @@ class Summary(Counts):
             self.objective = objective.name
             self.worst = value if self.worst is None else objective.worse(value, self.worst)
 
-    @property
     def worst_as_text(self) -> str:
-        """The lowest MOOBD and the objective's worst value, to be added to a sentence.
+        """Return the lowest MOOBD and the objective's worst value, to be added to a sentence.
 
         Each value begins with a comma: ``, at most 0.52 m outside its lane``. Empty before a drive.
         """
@@ -128,17 +133,15 @@ class Summary(Counts):
             texts.append(worst_value_text(self.objective, self.worst))
         return "".join(f", {text}" for text in texts)
 
-    @property
     def slow_driver_text(self) -> str:
-        """Sentence about a driver that takes most of the tests' time; empty for other drivers."""
+        """Return a sentence about a driver that takes most of the time; empty for other drivers."""
         share = self.driver_seconds / self.drive_seconds if self.drive_seconds else 0.0
         if share < SLOW_DRIVER_SHARE:
             return ""
         return f"Your driver takes {100.0 * share:.0f} % of the time"
 
-    @property
     def objective_json(self) -> dict[str, Any]:
-        """The objective and its worst value for JSON; empty if the search minimises the MOOBD."""
+        """Return objective and worst value for JSON; empty if the search minimises the MOOBD."""
         return {} if self.worst is None else {"objective": self.objective, "worst": self.worst}
 
     @property
@@ -154,7 +157,11 @@ class Summary(Counts):
         return self.seconds * (1.0 - self.budget_spent) / self.budget_spent
 
     def as_json(self) -> dict[str, JSONValue]:
-        """Return the summary as one JSON object."""
+        """Return the summary as one JSON object.
+
+        Left out are the spent budget, which serves the display of progress, and the parts of the
+        time, which serve `slow_driver_text` and the campaign's records.
+        """
         return {
             **self.counts_json(),
             "seconds": round(self.seconds, 3),
@@ -166,7 +173,7 @@ class Summary(Counts):
             "not_repeatable": self.not_repeatable,
             "facts": dict(self.facts),
             "folder": str(self.folder),
-            **self.objective_json,
+            **self.objective_json(),
         }
 
 
@@ -191,7 +198,12 @@ class Progress(Counts):
 
 
 def facts_text(facts: object) -> str:
-    """Return a strategy's facts in a line, ``cells 40; spread 0.31``; empty without facts."""
+    """Return a strategy's facts in a line, ``cells 40; spread 0.31``; empty without facts.
+
+    Args:
+        facts: facts from a summary or a campaign's store. A store may have none yet, or any JSON
+            value in their place; such a value gives no text, so that the campaign stays readable.
+    """
     items = facts.items() if isinstance(facts, Mapping) else ()
     texts = (
         f"{name} {value:.2f}" if isinstance(value, float) else f"{name} {value}"

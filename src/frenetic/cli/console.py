@@ -111,7 +111,7 @@ def progress_text(progress: Summary) -> str:
     """Return the progress of a search in one line."""
     left = progress.seconds_left
     return (
-        f"{progress.as_text()}{progress.worst_as_text},"
+        f"{progress.as_text()}{progress.worst_as_text()},"
         f" {rate_words(progress.tests_per_second)},"
         f" {'?' if left is None else format_duration(left)} left"
     )

@@ -243,11 +243,11 @@ def _print_summary(
     echo(
         f"{stopped}{counted(summary.simulations, 'simulation')} in"
         f" {times}, {rate_words(summary.tests_per_second)}"
-        f"{summary.worst_as_text}{worst}"
+        f"{summary.worst_as_text()}{worst}"
     )
     echo(summary.as_text())
-    if summary.slow_driver_text:
-        echo(summary.slow_driver_text)
+    if slow_driver_text := summary.slow_driver_text():
+        echo(slow_driver_text)
     if still_failing:
         echo(still_failing)
     if metrics := facts_text(summary.facts):
