@@ -43,7 +43,7 @@ MAX_EXCEPTIONS: Final = 100
 
 _TIME_BUDGET: Final = "time-budget"  # the pipeline's name for a single budget
 _END_TIMEOUT: Final = 60.0  # [s] for the search's process to end, our choice
-_SEED_RANGE: Final = 2**31  # of the seeds that are drawn if none is set
+_SEED_RANGE: Final = 2**31  # number of seeds to draw from if none is set, our choice
 
 
 class Generator:
@@ -80,7 +80,7 @@ class Generator:
         self._outcomes: Counter[str] = Counter()  # of the executor's tests
 
     def start(self) -> None:
-        """Search until the executor says that the budget is spent.
+        """Search until the executor says that the budget is spent, or the search itself ends.
 
         Raises:
             RuntimeError: the search cannot be started, or breaks; the message says why.
@@ -120,13 +120,16 @@ class Generator:
             result = {"id": road["id"], **self._execute(road)}
             result["budget_spent"] = self._budget.share_spent()
             answer = search.call("tell", **result)
-            if "error" in answer:  # the executor's records are unusable: only the outcome counts
+            if "error" in answer:
+                # The search refuses the executor's records, but waits for a result of the road. The
+                # MOOBD is computed from these records, so it is dropped, too. The rest has no entry
+                # that the search could refuse: its answer needs no check.
                 logger.warning("road %d: nothing is learnt, as %s", road["id"], answer["error"])
-                result = {name: result[name] for name in ("id", "outcome", "budget_spent")}
-                search.call("tell", **result)
+                least_result = {name: result[name] for name in ("id", "outcome", "budget_spent")}
+                search.call("tell", **least_result)
 
     def _execute(self, road: dict[str, Any]) -> dict[str, Any]:
-        """Have a road executed; return its result as the search takes it."""
+        """Let the executor drive a road; return the entries of the result for the search."""
         try:
             # The pipeline wants a list of tuples.
             test = self._make_test([(x, y) for x, y in road["points"]])
@@ -146,6 +149,9 @@ class Generator:
         level = logging.WARNING if moobd is None or not is_driven else logging.INFO
         logger.log(level, "road %d: %s, %s, %s", road["id"], outcome, learnt, description)
         if not is_driven:
+            # The search takes PASS, FAIL and ERROR only. So a road that the executor refused as
+            # INVALID counts as ERROR, too, from which the search learns nothing; the reason keeps
+            # the executor's own word.
             return {"outcome": "ERROR", "reason": f"{outcome}: {description}"}
         result: dict[str, Any] = {"outcome": str(outcome), "reason": str(description or "")}
         if moobd is not None:
@@ -186,7 +192,7 @@ class RandomSearchGenerator(Generator):
 
 
 def _strategy_options() -> list[str]:
-    """Return the strategy's options in the environment, each NAME=VALUE.
+    """Return the strategy's options from `OPTIONS_VARIABLE`, each NAME=VALUE.
 
     Raises:
         RuntimeError: the variable has a quote that is not closed.
@@ -231,7 +237,8 @@ class _Search:
         """Return the answer to a request, ``ask`` or ``tell``.
 
         Raises:
-            RuntimeError: the process has ended; the message holds its last line of stderr.
+            RuntimeError: the process has ended, or its answer is no JSON, after which it is ended;
+                the message holds its last line of stderr.
         """
         assert self._process.stdin is not None
         assert self._process.stdout is not None
@@ -239,7 +246,7 @@ class _Search:
             self._process.stdin.write(json.dumps({request: values}) + "\n")
             self._process.stdin.flush()
             answer: dict[str, Any] = json.loads(self._process.stdout.readline())
-        except (OSError, ValueError, RecursionError):
+        except (OSError, ValueError, RecursionError):  # the last: JSON that is nested too deeply
             self._end()
             self._log.seek(0)
             lines = self._log.read().decode("utf-8", "replace").split("\n")
@@ -283,7 +290,8 @@ def _frenetic_command() -> list[str]:
     program = shutil.which("frenetic")
     if program:
         return [program]
-    # A generator's own package may be called frenetic, too; ours needs msgspec.
+    # Another generator's package may be called frenetic, too: msgspec shows that it is ours. -P
+    # keeps the current folder, which may hold such a package, off the path.
     if importlib.util.find_spec("frenetic") and importlib.util.find_spec("msgspec"):
         return [sys.executable, "-P", "-m", "frenetic"]
     raise RuntimeError(
@@ -345,7 +353,10 @@ class _TimeBudget:
 
 
 def least_oob_distance(records: Any) -> float | None:
-    """Return the MOOBD of a test's records, in m; None if no record has a finite oob distance."""
+    """Return the least oob distance (MOOBD, minimum out-of-bounds distance) of records, in m.
+
+    The result is None if no record has a finite oob distance.
+    """
     try:
         distances = [_number(getattr(record, "oob_distance", None)) for record in records]
     except Exception:  # the pipeline gives no list of records
@@ -356,12 +367,14 @@ def least_oob_distance(records: Any) -> float | None:
 def _course(records: Any, road: dict[str, Any]) -> dict[str, Any]:
     """Return the entries of a result that describe the drive's course.
 
-    These are ``records``, with a column for each signal; ``place``, the distance along the road at
-    which the car was worst, in m; and, if it left its lane, the ``side`` on which it did. Empty if
-    a record lacks a place or a speed.
+    These are
 
-    The car was worst at the first record with ``is_oob``, or else at the record with the least oob
-    distance.
+    - ``records``, with a column for each signal;
+    - ``place``, the distance along the road in m at which the car first left its lane (the first
+      record with ``is_oob``), or else came nearest to leaving it (the least oob distance);
+    - ``side``, the side on which the car left its lane, if it did.
+
+    There are no entries if a record lacks a position or a speed.
 
     Args:
         records: records of the pipeline.
@@ -386,8 +399,8 @@ def _course(records: Any, road: dict[str, Any]) -> dict[str, Any]:
         if None not in column:
             columns[name] = [value * unit for value in column if value is not None]
     distances = [math.inf if distance is None else distance for distance in oob_distances]
-    worst = is_out.index(True) if any(is_out) else distances.index(min(distances))
-    place, offset = _nearest_on_line(road["points"], columns["x"][worst], columns["y"][worst])
+    i = is_out.index(True) if any(is_out) else distances.index(min(distances))
+    place, offset = _nearest_on_line(road["points"], columns["x"][i], columns["y"][i])
     course: dict[str, Any] = {"records": columns, "place": place}
     if any(is_out):
         # The road's points are its centre line; the car's lane lies to the right of it.
@@ -396,9 +409,9 @@ def _course(records: Any, road: dict[str, Any]) -> dict[str, Any]:
 
 
 def _nearest_on_line(points: Sequence[Sequence[float]], x: float, y: float) -> tuple[float, float]:
-    """Return how far along a line, and how far to the left of it, the place x, y lies, in m."""
+    """Return how far along a line, and how far to the left of it, the point x, y is, in m."""
     nearest = (math.inf, 0.0, 0.0)  # distance from the line, distance along it, offset to the left
-    along = 0.0  # to the segment from a to b
+    along = 0.0  # [m] along the line to point a, where the segment from a to b begins
     ax, ay = points[0]
     for bx, by in points[1:]:
         dx, dy = bx - ax, by - ay
@@ -415,8 +428,8 @@ def _nearest_on_line(points: Sequence[Sequence[float]], x: float, y: float) -> t
 def _restart_generation_clock(executor: Any) -> None:
     """Make an executor usable again after `execute_test` has raised.
 
-    Executors of later pipelines then hold None as the start of the next test's generation, which
-    every further `execute_test` would fail to subtract.
+    After an exception, executors of the pipelines since 2022 hold None as the time at which the
+    next test's generation began; every further `execute_test` would fail to subtract it.
     """
     if getattr(executor, "start_generation_time", 0.0) is None:
         executor.start_generation_time = time.monotonic()
