@@ -18,7 +18,7 @@ from frenetic._support.files import require_list
 from frenetic._support.json_value import JSONValue, plain
 from frenetic._support.notebook import NotebookRepr
 from frenetic._support.words import counted
-from frenetic.campaign.advice import new_campaign_advice
+from frenetic.campaign.advice import stored_campaign_advice
 from frenetic.campaign.code_record import SETTING, CodeRecord
 from frenetic.campaign.configuration import SPEC, EarlierCampaign, earlier_of
 from frenetic.campaign.defaults import (
@@ -412,7 +412,7 @@ class Campaign(NotebookRepr):
 
     def next_campaign(self) -> str:
         """Return the advice to start another campaign with the present parts."""
-        return new_campaign_advice(self.spec, self.folder, self._code.folder)
+        return stored_campaign_advice(self.spec, self.folder, self._code.folder)
 
     def _search(
         self,

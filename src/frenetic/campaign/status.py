@@ -16,7 +16,7 @@ from msgspec import Struct, to_builtins
 from frenetic._support.files import open_file
 from frenetic._support.outside_text import read_json
 from frenetic._support.printable import printable
-from frenetic.campaign.advice import resume_command
+from frenetic.campaign.advice import how_to_resume
 from frenetic.campaign.lock import holder, last_host
 from frenetic.campaign.log import LOG, LogEvent
 from frenetic.campaign.store import LOCK, CampaignStore
@@ -130,7 +130,7 @@ def read_state(folder: Path) -> CampaignState:
     lines = tuple(_last_log_lines(folder / LOG))
     with CampaignStore.open(folder) as store:
         config, facts, counts = store.config, store.facts, store.counts()
-        seconds, command = store.elapsed(), resume_command(store)
+        seconds, command = store.elapsed(), how_to_resume(store)
         summary = Summary.from_counts(
             counts,
             folder=folder,

@@ -110,21 +110,21 @@ class _EarlierWork:
     budget: object
     """Budget of the last command, as the campaign records it; None without a record."""
     has_drives: bool
-    """Whether the campaign holds judged drives."""
+    """Whether the campaign holds a judged drive that no fault of its driver ended."""
     is_reported: bool
     """Whether the campaign has ended, and its report shows all results."""
 
     @classmethod
     def of(cls, store: CampaignStore) -> _EarlierWork:
         """Return the earlier work of a stored campaign."""
-        from frenetic.campaign.advice import has_judged_drive
+        from frenetic.campaign.advice import has_drive_without_fault
         from frenetic.report.html.campaign import has_report
 
         return cls(
             store.counts(),
             store.elapsed(),
             store.facts.get("budget"),
-            has_drives=has_judged_drive(store),
+            has_drives=has_drive_without_fault(store),
             is_reported=has_report(store),
         )
 
@@ -260,20 +260,22 @@ def _refuse_edited_parts(
     Args:
         spec: the campaign's spec.
         source: the campaign as a source of parts.
-        has_drives: whether the campaign has judged drives.
+        has_drives: whether the campaign has a judged drive that no fault of its driver ended.
         may_name_parts: whether the advised command may name the parts: only if the user is in
             their folder, since in another folder the names would mean other parts.
 
     Raises:
         CampaignError: a file of a part was edited.
     """
-    from frenetic.campaign.advice import next_campaign
+    from frenetic.campaign.advice import new_campaign_advice
     from frenetic.parts.versions import edited_files
     from frenetic.spec.parts import PARTS
 
     names = [*(spec.part(kind).name for kind in PARTS), spec.named_objective]
     if edited := list(edited_files(names, source.sources)):
-        advice = next_campaign(spec, source.path, has_drives=has_drives, names_parts=may_name_parts)
+        advice = new_campaign_advice(
+            spec, source.path, starts_from_drives=has_drives, names_parts=may_name_parts
+        )
         raise CampaignError(
             f"{' and '.join(edited)} {'was' if len(edited) == 1 else 'were'} edited after"
             f" {source.path} began: restore {'it' if len(edited) == 1 else 'them'}, or {advice}"

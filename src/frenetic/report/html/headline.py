@@ -17,7 +17,7 @@ from frenetic._support.words import (
 from frenetic.analysis.caution import caution
 from frenetic.analysis.clusters import Clusters
 from frenetic.analysis.criteria import criteria_text
-from frenetic.campaign.advice import resume_command
+from frenetic.campaign.advice import how_to_resume
 from frenetic.campaign.configuration import earlier_of
 from frenetic.campaign.counts import Counts
 from frenetic.campaign.guarded_strategy import SEARCH_FACTS
@@ -88,11 +88,11 @@ def _warnings(store: CampaignStore) -> Iterator[str]:
     """Yield warnings about a campaign: its early end first, then what limits its results."""
     facts = store.facts
     if facts.get("interrupted"):
-        yield f"interrupted before its budget was spent; go on: {resume_command(store)}"
+        yield f"interrupted before its budget was spent; go on: {how_to_resume(store)}"
     elif "finished_at" not in facts:
         yield (
             "not finished: the campaign was still running, or was killed; if it was killed, go on:"
-            f" {resume_command(store)}"
+            f" {how_to_resume(store)}"
         )
     for warning in (not_repeatable(facts), str(facts.get("notice", "")), caution(store)):
         if warning:
