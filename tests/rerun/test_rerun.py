@@ -25,7 +25,7 @@ from frenetic.drivers import Driver, Planner
 from frenetic.errors import CampaignError, FreneticError, Trouble
 from frenetic.oracle.outcome import Outcome
 from frenetic.oracle.verdict import judge
-from frenetic.rerun.campaigns import FOLDER
+from frenetic.rerun.campaigns import FOLDER, DrivingPlan, driving_campaign
 from frenetic.rerun.rerun import drive_tests, rerun, rerun_with
 from frenetic.rerun.reruns import Rerun, in_other_simulators, own_repeats, read_reruns, rerun_name
 from frenetic.rerun.stability import Change
@@ -158,6 +158,14 @@ def test_drives_with_a_broken_simulator_are_not_judged(campaign: Path) -> None:
     result = rerun(campaign, Unreliable(), DummyDriver(), tests=tests)
     assert result.count(Change.NOT_JUDGED) == len(result.tests) == 60
     assert {drive.reason for drive in result.drives} == {"no connection \\ud800"}
+
+
+def test_a_driving_campaign_without_a_source_campaign_needs_a_folder(tmp_path: Path) -> None:
+    plan = DrivingPlan(RandomSearch(seed=1), Budget(simulations=1), identity="x", purpose={})
+    tester = RoadTester(DummySimulator(), DummyDriver())
+    with pytest.raises(ValueError, match="give a source campaign, or out"):
+        driving_campaign(None, plan, tester, {})
+    assert driving_campaign(None, plan, tester, {"out": tmp_path / "a"}).folder == tmp_path / "a"
 
 
 def test_the_same_failure_has_the_same_place_side_and_mechanism(campaign: Path) -> None:

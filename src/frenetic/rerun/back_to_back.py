@@ -30,7 +30,7 @@ from frenetic.drivers import Driver
 from frenetic.errors import CampaignError
 from frenetic.oracle.outcome import Outcome
 from frenetic.parts.records import comparison_key
-from frenetic.rerun.campaigns import RerunOptions
+from frenetic.rerun.campaigns import DrivingOptions
 from frenetic.rerun.old_version import DEFAULT_FRESH_ROADS, FreshRoads, fresh_roads
 from frenetic.rerun.rerun import drive_tests
 from frenetic.rerun.stability import Change
@@ -267,18 +267,18 @@ def _interval_json(value: ValueWithInterval | None) -> dict[str, JSONValue] | No
 
 
 def compare_versions(
-    roads: FreshRoads, tester: RoadTester, **options: Unpack[RerunOptions]
+    roads: FreshRoads, tester: RoadTester, **options: Unpack[DrivingOptions]
 ) -> BackToBack:
     """Let a new version drive the roads that the old version has driven, and compare both.
 
     Args:
         roads: roads that the old version has driven.
         tester: drives with the new version on the campaign's terms.
-        options: see `RerunOptions`.
+        options: see `DrivingOptions`.
 
     Raises:
         CampaignError: both versions are the same, or see
-            `frenetic.rerun.campaigns.rerun_campaign`.
+            `frenetic.rerun.campaigns.driving_campaign`.
     """
     new, simulator = tester.described["driver"], tester.described["simulator"]
     check_differ(roads.driver, new)

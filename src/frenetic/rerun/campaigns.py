@@ -2,7 +2,7 @@
 
 A driving campaign has a folder in the folder ``rerun`` of the source campaign's folder, named after
 a digest of its roads and parts. So the same call continues an interrupted driving campaign, leaves
-a complete one as it is, and never replaces another.
+a complete driving campaign as it is, and never replaces another one.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ from frenetic.search import Strategy
 FOLDER: Final = "rerun"
 """Subfolder of a source campaign's folder that holds the driving campaigns."""
 PURPOSE: Final = "rerun"
-"""Key in a driving campaign's configuration, which says why it drives."""
+"""Key of the entry in a driving campaign's configuration that says why it drives."""
 
 _OWNER: Final = Owner(
     summary="does not search",
@@ -39,8 +39,8 @@ _OWNER: Final = Owner(
 )
 
 
-class RerunOptions(TypedDict, total=False):
-    """Options of every function that drives roads again."""
+class DrivingOptions(TypedDict, total=False):
+    """Options of every function that runs a driving campaign."""
 
     workers: int
     """Number of roads driven at once, see `Campaign`; 1 by default."""
@@ -53,46 +53,46 @@ class RerunOptions(TypedDict, total=False):
 
 
 @dataclass(frozen=True)
-class RerunPlan:
+class DrivingPlan:
     """Plan of a driving campaign: what it drives, and why."""
 
     strategy: Strategy
-    """Strategy that has proposed nothing yet."""
+    """Strategy that proposes the roads, and has proposed nothing yet."""
     budget: Budget
     """Budget of the driving campaign; a larger budget than before lets a complete one continue."""
     identity: object
-    """JSON value that, with purpose, parts and terms, tells the campaign from others."""
+    """JSON value that, with purpose, parts and terms, distinguishes the campaign from others."""
     purpose: Mapping[str, JSONValue]
     """Entry `PURPOSE` of the campaign's configuration, such as ``{"minimised": True}``."""
     objective: str = MOOBD
-    """Name of the objective that the strategy gets a value of with each result."""
+    """Name of the objective, whose value the strategy gets with each result."""
     strategy_name: str | None = None
     """Name of the strategy on a command line; None if it has no name."""
     max_in_flight: int | None = None
     """Largest number of candidates without a result at once, see `Campaign`."""
 
 
-def rerun_campaign(
-    folder: Path | str | None, plan: RerunPlan, tester: RoadTester, options: RerunOptions
+def driving_campaign(
+    folder: Path | str | None, plan: DrivingPlan, tester: RoadTester, options: DrivingOptions
 ) -> Campaign:
     """Return the driving campaign of a plan, not yet run.
 
     Args:
-        folder: folder of the source campaign; None without one, then ``out`` is needed.
+        folder: folder of the source campaign; None without a source campaign, then the options
+            need ``out``.
         plan: what is driven, and why.
         tester: drives the roads.
-        options: see `RerunOptions`.
+        options: see `DrivingOptions`.
 
     Raises:
         CampaignError: ``out`` holds another campaign.
         CampaignGoneError: the source campaign's folder is gone.
-        ValueError: an option is out of range.
+        ValueError: an option is out of range, or there is neither a source campaign nor ``out``.
     """
-    strategy, budget = plan.strategy, plan.budget
-    if folder is not None and not Path(folder).is_dir():  # else `Campaign` would make it anew
-        raise CampaignGoneError(f"{folder} was moved or deleted while its roads were driven again")
+    strategy, budget, out = plan.strategy, plan.budget, options.get("out")
+    _require_place(folder, out)
     digest = _digest(plan, tester)
-    driving_folder = Path(options.get("out") or Path(folder or "") / FOLDER / digest)
+    driving_folder = Path(out or Path(folder or "") / FOLDER / digest)
     workers = require_count("workers", options.get("workers", 1))
     if (driving_folder / DATABASE).is_file():
         with CampaignStore.open(driving_folder) as store:
@@ -100,12 +100,12 @@ def rerun_campaign(
                 raise CampaignError(
                     f"{driving_folder} holds another campaign: choose another place"
                 )
-    # The recorded spec names the strategy and objective that drive here: only the code of a spec's
-    # parts is trusted (`frenetic.parts.trust`).
+    # Record the strategy and objective of this campaign instead of the tester's, so that trusting
+    # the spec (`frenetic.parts.trust`) covers exactly the code that runs.
     spec = tester.spec and structs.replace(
         tester.spec, strategy=plan.strategy_name, objective=plan.objective
     )
-    with tester.in_folder():
+    with tester.in_folder():  # the names of parts are looked up in the current folder
         return Campaign(
             strategy=strategy,
             simulator=tester.simulator,
@@ -122,12 +122,29 @@ def rerun_campaign(
         )
 
 
-def _digest(plan: RerunPlan, tester: RoadTester) -> str:
-    """Return the digest that tells a plan, driven with a tester, from others."""
+def _require_place(folder: Path | str | None, out: Path | str | None) -> None:
+    """Check that a driving campaign has a place for its folder.
+
+    Args:
+        folder: folder of the source campaign; None without a source campaign.
+        out: folder of the driving campaign; None for a folder in the source campaign's folder.
+
+    Raises:
+        CampaignGoneError: the source campaign's folder is gone.
+        ValueError: there is neither a source campaign nor ``out``.
+    """
+    if folder is not None and not Path(folder).is_dir():  # `Campaign` would make the folder anew
+        raise CampaignGoneError(f"{folder} was moved or deleted while its roads were driven again")
+    if folder is None and not out:
+        raise ValueError("the drives have no folder: give a source campaign, or out")
+
+
+def _digest(plan: DrivingPlan, tester: RoadTester) -> str:
+    """Return the digest that distinguishes a plan, driven with a tester, from others."""
     parts = tester.described
     terms = {**vars(tester.terms), "domain": plan.strategy.domain}
-    driven = [parts["driver"], parts["simulator"], tester.simulator.rules, terms]
-    text = json.encode([plan.identity, plan.purpose, driven], order="sorted", enc_hook=plain)
+    setup = [parts["driver"], parts["simulator"], tester.simulator.rules, terms]
+    text = json.encode([plan.identity, plan.purpose, setup], order="sorted", enc_hook=plain)
     return hashlib.sha256(text).hexdigest()[:SHORT]
 
 
@@ -135,7 +152,7 @@ def drive_missing(campaign: Campaign, on_event: Callable[[Event], object] | None
     """Make the drives that a driving campaign still lacks.
 
     Args:
-        campaign: campaign of `rerun_campaign`.
+        campaign: campaign of `driving_campaign`.
         on_event: called with each event.
 
     Raises:
@@ -160,7 +177,7 @@ def drive_missing(campaign: Campaign, on_event: Callable[[Event], object] | None
 
 
 def _run_or_resume(campaign: Campaign, on_event: Callable[[Event], object] | None) -> None:
-    """Run or resume a campaign; only report it if it is complete."""
+    """Run or resume a campaign; if it is complete, only report that."""
     if not (campaign.folder / DATABASE).is_file():
         campaign.run(on_event=on_event)
         return
@@ -168,11 +185,19 @@ def _run_or_resume(campaign: Campaign, on_event: Callable[[Event], object] | Non
         facts, old_simulations = store.facts, stored_budget(store).simulations
         counts = store.counts()
     assert campaign.budget is not None
-    is_spent = facts.get("ended") or old_simulations == campaign.budget.simulations
-    if "finished_at" not in facts or facts.get("interrupted") or not is_spent:
-        campaign.resume(on_event=on_event)
-    else:
+    # A finished campaign has drives to make if its budget has grown, unless its strategy had
+    # nothing left to propose ("ended").
+    has_old_budget = old_simulations == campaign.budget.simulations
+    is_complete = _has_finished(facts) and (facts.get("ended") or has_old_budget)
+    if is_complete:
         report_complete(campaign.folder, counts, on_event)
+    else:
+        campaign.resume(on_event=on_event)
+
+
+def _has_finished(facts: Mapping[str, Any]) -> bool:
+    """Return whether a campaign came to its end without an interruption, by its stored facts."""
+    return "finished_at" in facts and not facts.get("interrupted")
 
 
 def report_complete(
@@ -190,9 +215,10 @@ def purpose_of(store: CampaignStore) -> Mapping[str, Any]:
 
 
 def rerun_folders(folder: Path | str) -> Iterator[Path]:
-    """Return the folders of a campaign's driving campaigns, interrupted ones first, then by age.
+    """Return the folders of a campaign's driving campaigns, interrupted campaigns first.
 
-    So a reader that lets the last one win prefers complete campaigns, and of these the latest.
+    Each kind, interrupted and finished, comes oldest first. So a reader in which later campaigns
+    replace earlier ones prefers finished campaigns, and of these the latest.
 
     Raises:
         CampaignError: a driving campaign is damaged.
@@ -200,7 +226,6 @@ def rerun_folders(folder: Path | str) -> Iterator[Path]:
     rows: list[tuple[bool, str, Path]] = []
     for database in sorted((Path(folder) / FOLDER).glob(f"*/{DATABASE}")):
         with CampaignStore.open(database.parent) as store:
-            facts = store.facts
-            is_complete = "finished_at" in facts and not facts.get("interrupted")
-            rows.append((is_complete, str(store.fact("created_at")), database.parent))
+            has_finished = _has_finished(store.facts)
+            rows.append((has_finished, str(store.fact("created_at")), database.parent))
     return (driving_folder for *_, driving_folder in sorted(rows))

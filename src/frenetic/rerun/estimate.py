@@ -39,7 +39,7 @@ from frenetic.campaign.replay import replay
 from frenetic.campaign.tester import RoadTester
 from frenetic.errors import CampaignError, FreneticError
 from frenetic.oracle.outcome import Outcome
-from frenetic.rerun.campaigns import RerunOptions, RerunPlan, drive_missing, rerun_campaign
+from frenetic.rerun.campaigns import DrivingOptions, DrivingPlan, drive_missing, driving_campaign
 from frenetic.rerun.importance_sampling import (
     CONFIDENCE,
     DriveResult,
@@ -333,7 +333,7 @@ def estimate(
     drives: int = 10_000,
     seed: int = 0,
     campaign: Path | str | None = None,
-    **options: Unpack[RerunOptions],
+    **options: Unpack[DrivingOptions],
 ) -> FailureRate:
     """Estimate how often the driver leaves its lane in the domain of a tester.
 
@@ -346,13 +346,13 @@ def estimate(
         seed: seed of the draws.
         campaign: folder of a campaign with this driver and domain, which keeps the drives and, in
             `FILE`, the estimate. By default a new folder under ``campaigns/`` keeps both.
-        options: see `RerunOptions`.
+        options: see `DrivingOptions`.
 
     Raises:
         KeyboardInterrupt: Ctrl-C came before the last drive.
         FreneticError: no road of the domain is valid, the simulator broke, or simulator or driver
             cannot have the domain's conditions.
-        CampaignError: see `frenetic.rerun.campaigns.rerun_campaign`.
+        CampaignError: see `frenetic.rerun.campaigns.driving_campaign`.
         ValueError: a number is out of range.
     """
     drives = require_count("drives", drives, least=_MIN_DRIVES)
@@ -361,14 +361,14 @@ def estimate(
         options["out"] = options.get("out") or new_folder()
     else:
         check_writable(Path(campaign) / FILE, remedy=_WRITE_REMEDY)
-    plan = RerunPlan(
+    plan = DrivingPlan(
         draws,
         Budget(simulations=drives),
         identity=[describe(draws), tester.terms],
         purpose={"estimate": True},
         max_in_flight=MAX_IN_FLIGHT,  # a constant: draws must not depend on the workers
     )
-    driving = rerun_campaign(campaign, plan, tester, options)
+    driving = driving_campaign(campaign, plan, tester, options)
     # Drives of earlier calls in which the simulator broke are made again: they cost extra budget.
     old_errors = _error_count(driving.folder)
     budget = driving.budget = Budget(simulations=drives + old_errors)

@@ -38,7 +38,7 @@ from frenetic.errors import (
     CampaignGoneError,
     FreneticError,
 )
-from frenetic.rerun.campaigns import RerunOptions, RerunPlan, drive_missing, rerun_campaign
+from frenetic.rerun.campaigns import DrivingOptions, DrivingPlan, drive_missing, driving_campaign
 from frenetic.rerun.minimising_strategy import OPERATOR, FailureReason, Minimising, shape_of
 from frenetic.rerun.shrinker import Shape
 from frenetic.road import Road, profile
@@ -144,7 +144,7 @@ def minimise(
     seconds: float | None = None,
     folder: Path | str | None = None,
     conditions: Conditions = MappingProxyType({}),
-    **options: Unpack[RerunOptions],
+    **options: Unpack[DrivingOptions],
 ) -> Minimised:
     """Find the smallest road with the same failure, in the plainest conditions.
 
@@ -165,11 +165,11 @@ def minimise(
             still fails.
         folder: folder of the road's campaign, which keeps the drives; by default they are thrown
             away.
-        options: see `RerunOptions`.
+        options: see `DrivingOptions`.
 
     Raises:
         FreneticError: the road does not fail.
-        CampaignError: see `frenetic.rerun.campaigns.rerun_campaign`.
+        CampaignError: see `frenetic.rerun.campaigns.driving_campaign`.
         ValueError: a number is out of range, or the lanes of road and tester differ in width.
     """
     max_drives = require_count("max_drives", max_drives)
@@ -187,7 +187,7 @@ def minimise(
         road.speed_limits if len(road.speed_limits) else None,
     )
     strategy, error_text = new_strategy(), None
-    plan = RerunPlan(
+    plan = DrivingPlan(
         strategy,
         Budget(simulations=max_drives, time=seconds),
         identity=strategy.options,
@@ -196,7 +196,7 @@ def minimise(
     )
     with TemporaryDirectory() as temporary:
         driving_folder = temporary if folder is None else folder
-        campaign = rerun_campaign(driving_folder, plan, tester, options)
+        campaign = driving_campaign(driving_folder, plan, tester, options)
         before = _simulations(campaign.folder)
         try:
             drive_missing(campaign, options.get("on_event"))
@@ -293,7 +293,7 @@ def minimise_causes(
     tester: RoadTester,
     drives: int,
     seconds: float | None = None,
-    **options: Unpack[RerunOptions],
+    **options: Unpack[DrivingOptions],
 ) -> Iterator[tuple[int, Minimised | FreneticError]]:
     """Minimise one failure of each cause, in the order of the causes, until an interruption.
 
@@ -310,7 +310,7 @@ def minimise_causes(
             even if that is more.
         seconds: most wall time for all causes, in s; None for no limit. With less time, roads may
             stay longer.
-        options: see `RerunOptions`.
+        options: see `DrivingOptions`.
 
     Yields:
         Id of a test, and the minimised road or the error, such as a road that does not fail again.
@@ -347,7 +347,7 @@ def minimise_test(
     max_drives: int = MAX_DRIVES,
     seconds: float | None = None,
     drives_folder: Path | str | None = None,
-    **options: Unpack[RerunOptions],
+    **options: Unpack[DrivingOptions],
 ) -> Minimised:
     """Minimise the road of a campaign's failed test, and match its failure with the recorded one.
 
@@ -358,7 +358,7 @@ def minimise_test(
         max_drives: most drives to spend; refused roads cost none.
         seconds: most wall time to spend, in s; None for no limit.
         drives_folder: folder that keeps the drives; by default the campaign's folder.
-        options: see `RerunOptions`.
+        options: see `DrivingOptions`.
 
     Raises:
         FreneticError: the road does not fail, or for the reasons of `minimise`.

@@ -40,11 +40,11 @@ from frenetic.processes.interrupt import catch_interrupt
 from frenetic.processes.object_host import report
 from frenetic.processes.object_process import LostProcessError, ObjectProcess, pack, ready
 from frenetic.rerun.campaigns import (
-    RerunOptions,
-    RerunPlan,
+    DrivingOptions,
+    DrivingPlan,
     drive_missing,
+    driving_campaign,
     report_complete,
-    rerun_campaign,
 )
 from frenetic.search import RandomSearch
 from frenetic.spec import Budget, Spec
@@ -79,7 +79,7 @@ def fresh_roads(
     *,
     fresh: int = DEFAULT_FRESH_ROADS,
     strategy_name: str | None = "random",
-    **options: Unpack[RerunOptions],
+    **options: Unpack[DrivingOptions],
 ) -> FreshRoads:
     """Let the old version drive fresh random roads, as far as it has not yet done so.
 
@@ -91,11 +91,11 @@ def fresh_roads(
         fresh: number of roads.
         strategy_name: name of the strategy in the recorded spec. None records no spec, so that
             nothing is signed.
-        options: see `RerunOptions`.
+        options: see `DrivingOptions`.
 
     Raises:
         CampaignError: the campaign does not exist, or see
-            `frenetic.rerun.campaigns.rerun_campaign`.
+            `frenetic.rerun.campaigns.driving_campaign`.
         ValueError: an option is out of range.
     """
     require_count("fresh", fresh)
@@ -107,14 +107,14 @@ def fresh_roads(
     )
     if tester.spec is not None:
         tester = replace(tester, spec=structs.replace(tester.spec, seed=seed).with_budget(budget))
-    plan = RerunPlan(
+    plan = DrivingPlan(
         strategy,
         budget,
         identity=["fresh", seed],
         purpose={"fresh": True},
         strategy_name=strategy_name,
     )
-    driving, on_event = rerun_campaign(campaign, plan, tester, options), options.get("on_event")
+    driving, on_event = driving_campaign(campaign, plan, tester, options), options.get("on_event")
     tests = _driven_tests(driving.folder)
     if len(tests) < fresh:
         drive_missing(driving, on_event)
@@ -151,7 +151,7 @@ def fresh_roads_as_recorded(
     *,
     fresh: int = DEFAULT_FRESH_ROADS,
     is_trusted: bool = False,
-    **options: Unpack[RerunOptions],
+    **options: Unpack[DrivingOptions],
 ) -> FreshRoads:
     """Let a campaign's driver, in its recorded version, drive fresh random roads.
 
@@ -163,7 +163,7 @@ def fresh_roads_as_recorded(
         spec: spec of the campaign.
         fresh: number of roads.
         is_trusted: whether the user trusts the campaign and the sources that it keeps.
-        options: see `RerunOptions`.
+        options: see `DrivingOptions`.
 
     Raises:
         CampaignError: the source was edited and the campaign keeps none, or see `fresh_roads`.
@@ -176,7 +176,7 @@ def fresh_roads_as_recorded(
         return _drive_in_process(old, fresh, options)
 
 
-def _drive_in_process(old: OldVersion, fresh: int, options: RerunOptions) -> FreshRoads:
+def _drive_in_process(old: OldVersion, fresh: int, options: DrivingOptions) -> FreshRoads:
     """Let an old version drive fresh roads in a separate process, which Ctrl-C ends.
 
     The process reports events, which are passed on, and answers with the campaign's folder.
@@ -250,8 +250,8 @@ class OldVersion:
 
         Args:
             fresh: number of roads.
-            workers: see `RerunOptions`.
-            isolate: see `RerunOptions`.
+            workers: see `DrivingOptions`.
+            isolate: see `DrivingOptions`.
 
         Returns:
             Folder of the campaign that drove the roads.

@@ -30,10 +30,10 @@ from frenetic.drivers import Driver
 from frenetic.oracle.drive import Rules
 from frenetic.oracle.outcome import Outcome
 from frenetic.rerun.campaigns import (
-    RerunOptions,
-    RerunPlan,
+    DrivingOptions,
+    DrivingPlan,
     drive_missing,
-    rerun_campaign,
+    driving_campaign,
 )
 from frenetic.rerun.replay import DriveConditions, ReplayRoads
 from frenetic.rerun.reruns import Rerun, read_rerun
@@ -121,7 +121,7 @@ def rerun_with(
     vary: Sequence[Variation] = (),
     seed: int = 0,
     instead: Iterable[str] = (),
-    **options: Unpack[RerunOptions],
+    **options: Unpack[DrivingOptions],
 ) -> Rerun:
     """Drive tests of a campaign again, each at its pose on the map and in its recorded conditions.
 
@@ -138,11 +138,11 @@ def rerun_with(
         seed: seed of the conditions.
         instead: conditions whose recorded amounts are ignored, because the simulator or the driver
             has other amounts of these conditions.
-        options: see `RerunOptions`.
+        options: see `DrivingOptions`.
 
     Raises:
         CampaignError: the campaign is damaged, a test was not driven, or see
-            `frenetic.rerun.campaigns.rerun_campaign`.
+            `frenetic.rerun.campaigns.driving_campaign`.
         FreneticError: the simulator cannot vary a condition, or lacks a recorded condition.
         ValueError: an option is out of range.
     """
@@ -190,7 +190,7 @@ def drive_tests(
     *,
     variations: Sequence[Variation] = (),
     instead: Iterable[str] = (),
-    options: RerunOptions,
+    options: DrivingOptions,
 ) -> Rerun:
     """Drive tests of a campaign again, in certain conditions.
 
@@ -201,11 +201,11 @@ def drive_tests(
         conditions: conditions of each drive, see `ReplayRoads`.
         variations: ranges from which the conditions were drawn, which are only recorded.
         instead: conditions whose recorded amounts are ignored.
-        options: see `RerunOptions`.
+        options: see `DrivingOptions`.
 
     Raises:
         CampaignError: the campaign is damaged, a test was not driven, or see
-            `frenetic.rerun.campaigns.rerun_campaign`.
+            `frenetic.rerun.campaigns.driving_campaign`.
         ValueError: an option is out of range.
     """
     tests = list(dict.fromkeys(tests))
@@ -220,12 +220,12 @@ def drive_tests(
             planned=0,
             tests=(),
         )
-    plan = RerunPlan(
+    plan = DrivingPlan(
         strategy,
         Budget(simulations=len(strategy)),
         identity=strategy.options,
         purpose={"planned": len(strategy), "variations": to_builtins(tuple(variations))},
     )
-    campaign = rerun_campaign(folder, plan, tester, options)
+    campaign = driving_campaign(folder, plan, tester, options)
     drive_missing(campaign, options.get("on_event"))
     return read_rerun(campaign.folder, folder)
