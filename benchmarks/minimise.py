@@ -149,7 +149,7 @@ def has_same_failure(minimised: Minimised, drive: Drive) -> bool:
     before = Failure.of_test(minimised.original)
     result = judge(minimised.road, drive)
     segment = segment_of(minimised.road, drive, result.finding)
-    after = Failure.of_segment(segment, result)
+    after = Failure.of_judged(result, segment)
     is_like = before is not None and after is not None and after.difference(before) <= THRESHOLD
     return is_like and failure_reason(minimised.road, drive) is minimised.reason
 

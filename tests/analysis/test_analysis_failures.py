@@ -29,7 +29,7 @@ from frenetic.analysis.clusters import Cluster, distinct_failures, representativ
 from frenetic.analysis.failures import describe
 from frenetic.campaign import Campaign, CampaignStore
 from frenetic.oracle.outcome import Outcome
-from frenetic.oracle.verdict import Side
+from frenetic.oracle.verdict import Result, Side
 from frenetic.road import Pose, Road
 from frenetic.search import RandomSearch
 from frenetic.spec import Spec
@@ -53,7 +53,10 @@ def failure(
 ) -> Failure:
     road = Road(curvatures) if pose is None else Road(curvatures, pose=pose)
     segment = departing(road, PLACE, side, speeds=speeds, swing=swing)
-    return Failure.of(segment, id=id, moobd=moobd)
+    result = Result(Outcome.FAIL, "Car drove out of the lane", moobd)
+    judged = Failure.of_judged(result, segment, id)
+    assert judged is not None
+    return judged
 
 
 def family(curvatures: Sequence[float], side: Side, first: int, number: int = 8) -> list[Failure]:

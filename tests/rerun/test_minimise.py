@@ -117,9 +117,11 @@ def difference(first: Test, second: Test) -> float:
     vectors = []
     for failed in (first, second):
         assert failed.drive is not None
-        departure = judge(failed.road, failed.drive).departure
-        segment = segment_of(failed.road, failed.drive, departure)
-        vectors.append(Failure.of(segment, id=1, moobd=0.0).vector())
+        result = judge(failed.road, failed.drive)
+        segment = segment_of(failed.road, failed.drive, result.departure)
+        failure = Failure.of_judged(result, segment)
+        assert failure is not None
+        vectors.append(failure.vector())
     return float(np.linalg.norm(vectors[0] - vectors[1]))
 
 

@@ -176,11 +176,12 @@ def test_the_same_failure_has_the_same_place_side_and_mechanism(campaign: Path) 
             with CampaignStore.open(campaign) as store:
                 drive = store.test(test.id).drive if test is repeat.recorded else test.drive
             assert drive is not None
-            departure = judge(test.road, drive).departure
-            assert departure is not None
-            segment = segment_of(test.road, drive, departure)
-            vectors.append(Failure.of(segment, id=1, moobd=0.0).vector())
-            places.append(departure)
+            verdict = judge(test.road, drive)
+            assert verdict.departure is not None
+            failure = Failure.of_judged(verdict, segment_of(test.road, drive, verdict.departure))
+            assert failure is not None
+            vectors.append(failure.vector())
+            places.append(verdict.departure)
         is_same = (
             abs(places[0].distance - places[1].distance) <= 30.0
             and places[0].side == places[1].side

@@ -276,10 +276,8 @@ def nearest_misses(store: CampaignStore, number: int = NEAR_MISSES) -> Clusters:
     clusters = Clusters((), THRESHOLD)
     for limit in _PASSES_COMPARED:
         passes = segments_of(store, Outcome.PASS, order_by="moobd", limit=limit, with_repeats=False)
-        clusters = cluster_failures(
-            Failure.of(segment, id=record.id, moobd=record.moobd or 0.0, is_near_miss=True)
-            for record, segment in passes
-        )
+        misses = (Failure.of_judged(test.result, segment, test.id) for test, segment in passes)
+        clusters = cluster_failures(miss for miss in misses if miss is not None)
         if len(clusters) >= number or clusters.failures < limit:
             break
     return Clusters(clusters.clusters[:number], THRESHOLD)

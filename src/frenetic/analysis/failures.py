@@ -1,9 +1,9 @@
-"""Failures: road and drive around the place of departure, as they are compared and described.
+"""Failures and near misses: road and drive around their places, to be compared and described.
 
 Two failures are moved and turned so that the places where the car left its lane, and the road's
-directions there, coincide; `frenetic.search.approach` defines their *difference* in metres. The
-road more than 15 m after the place does not count: the car never got there, and if it counted, the
-clusters of a campaign and of half of its failures would agree less.
+directions there, coincide; `frenetic.search.approach` defines their *difference* in metres. Of the
+road after the place only 15 m count: after a departure the car drives no further, and with 30 m the
+clusters of a campaign and the clusters of half of its failures agree less (research/measures.md).
 """
 
 from __future__ import annotations
@@ -21,6 +21,7 @@ from frenetic.campaign.record import Test
 from frenetic.campaign.store import CampaignStore
 from frenetic.criteria.criterion import EDGE_DISTANCE
 from frenetic.errors import Fault
+from frenetic.oracle.assessment import Assessment
 from frenetic.oracle.outcome import Outcome
 from frenetic.oracle.verdict import Result, Side
 from frenetic.road import LANE_WIDTH
@@ -33,20 +34,25 @@ _MENTIONED_SLOWING: Final = 3.0  # [m/s] least loss of speed that is mentioned (
 
 @dataclass(frozen=True, eq=False)
 class Failure:
-    """A failed test, with the road and the drive around its place for comparison."""
+    """A failed test or a near miss, with the road and the drive around its place.
+
+    A near miss is a passed test, see `is_near_miss`. A drive that a fault of the driver ended may
+    have no records, see `fault`.
+    """
 
     id: int
     """Id of the test."""
     moobd: float
-    """Minimum oob distance, in m."""
+    """Minimum oob distance, in m; 0 if it was not measured."""
     side: Side | None
-    """Side of the lane on which the car left; None if it failed without leaving."""
+    """Side of the lane on which the car left; None if it failed without leaving the lane."""
     curvatures: FloatArray
     """Curvatures of the whole road, (n,) in 1/m."""
     step: float
     """Distance between two curvatures, in m."""
     place: float
-    """Place where the car left its lane, or else of another finding, in m along the road."""
+    """Place in m along the road: where the car left its lane, or of another finding, or else where
+    the oob distance was least."""
     road: FloatArray
     """Centre line, (19, 2) in m, every 2.5 m from 30 m before the place to 15 m after it: x along
     the road's direction at the place, y to its left."""
@@ -56,41 +62,49 @@ class Failure:
     speeds: FloatArray
     """Speeds, (13,) in m/s, at the same places as `offsets`."""
     is_near_miss: bool = False
-    """Whether the test passed. Then the place is where the oob distance was least, and the side is
-    the side of the nearer edge."""
+    """Whether the test passed. Then the place is where the oob distance was least, and `side` is
+    the side of the nearer edge of the lane."""
     lane_width: float = LANE_WIDTH
     """Width of the lane, in m."""
     fault: Fault | None = None
-    """Fault of the driver that ended the drive. If the drive has no records, all arrays hold
-    zeros."""
+    """Fault of the driver that ended the drive; None if no fault ended it. If the drive has no
+    records, all arrays hold zeros, and so does `vector`."""
     cause: Cause | None = None
     """Cause of the failure; None for a fault or a near miss."""
     criterion: str | None = None
     """Criterion that the drive exceeded, see `frenetic.oracle.Finding`; None if it stood still."""
 
     @classmethod
-    def of(
+    def of_judged(
         cls,
-        segment: Segment,
-        *,
-        id: int,  # noqa: A002
-        moobd: float,
-        is_near_miss: bool = False,
-        fault: Fault | None = None,
-    ) -> Failure:
-        """Return the failure of a failed test, or the near miss of a passing one."""
+        result: Result,
+        segment: Segment | None,
+        id: int = 0,  # noqa: A002
+    ) -> Failure | None:
+        """Return the failure of a drive that was judged FAIL, or the near miss of a PASS.
+
+        Args:
+            result: verdict on the drive.
+            segment: segment of the drive; None if the drive has no records.
+            id: id of the test.
+
+        Returns:
+            None if the drive was not judged, or has no records and no fault ended it.
+        """
+        if not result.outcome.is_driven:
+            return None
+        if segment is None:
+            return None if result.fault is None else cls._of_fault(result.fault, id)
+        is_near_miss = result.outcome is Outcome.PASS
+        has_cause = not is_near_miss and result.fault is None
         road, place, assessment = segment.road, segment.place, segment.assessment
         speed = segment.drive.trajectory.speed[: len(assessment.distance)]
         trace = Trace(assessment.distance, assessment.lateral_offset, speed)
         offsets, speeds = states_before(trace, place)
-        side = segment.side
-        if is_near_miss:
-            nearest = int(np.argmin(assessment.oob_distance))
-            side = "left" if assessment.lateral_offset[nearest] > 0.0 else "right"
         return cls(
             id=id,
-            moobd=moobd,
-            side=side,
+            moobd=result.moobd or 0.0,
+            side=_nearer_side(assessment) if is_near_miss else segment.side,
             curvatures=road.curvatures,
             step=road.step,
             place=place,
@@ -99,33 +113,14 @@ class Failure:
             speeds=speeds,
             is_near_miss=is_near_miss,
             lane_width=road.lane_width,
-            fault=fault,
-            cause=None if is_near_miss or fault is not None else cause_of(segment),
+            fault=result.fault,
+            cause=cause_of(segment) if has_cause else None,
             criterion=segment.criterion,
         )
 
     @classmethod
-    def of_segment(
-        cls,
-        segment: Segment | None,
-        result: Result,
-        id: int = 0,  # noqa: A002
-    ) -> Failure | None:
-        """Return the failure of a drive that was judged FAIL.
-
-        Args:
-            segment: segment of the drive; None if the drive has no records.
-            result: verdict on the drive.
-            id: id of the test.
-
-        Returns:
-            None if the drive has no records and no fault ended it.
-        """
-        fault = result.fault
-        if segment is not None:
-            return cls.of(segment, id=id, moobd=result.moobd or 0.0, fault=fault)
-        if fault is None:
-            return None
+    def _of_fault(cls, fault: Fault, id: int) -> Failure:  # noqa: A002
+        """Return the failure of a drive without records: zeros stand for the missing values."""
         return cls(
             id=id,
             moobd=0.0,
@@ -141,18 +136,31 @@ class Failure:
 
     @classmethod
     def of_test(cls, test: Test) -> Failure | None:
-        """Return the failure of a stored test; None if the test did not fail, see `of_segment`."""
+        """Return the failure of a stored test; None if the test did not fail, see `of_judged`."""
         if test.outcome is not Outcome.FAIL:
             return None
-        return cls.of_segment(segment_of_test(test), test.result, test.id)
+        return cls.of_judged(test.result, segment_of_test(test), test.id)
 
     def difference(self, other: Failure) -> float:
-        """Return the difference from another failure in m; the sides of the lane do not count."""
+        """Return the difference from another failure in m; the sides of the lane do not count.
+
+        It means nothing if a failure has no records: two such failures differ by 0 m. Compare their
+        faults instead.
+        """
         return float(np.linalg.norm(self.vector() - other.vector()))
 
     def vector(self) -> FloatArray:
-        """Return the failure as a vector, (64,) in m: the distance of two is their difference."""
+        """Return the failure as a vector, (64,) in m; zeros if the drive has no records.
+
+        The distance between the vectors of two failures is the difference of the failures.
+        """
         return as_vector(self.road, self.offsets, self.speeds)
+
+
+def _nearer_side(assessment: Assessment) -> Side:
+    """Return the side of the lane's edge that the car came nearest to."""
+    nearest = int(np.argmin(assessment.oob_distance))
+    return "left" if assessment.lateral_offset[nearest] > 0.0 else "right"
 
 
 def failures_of(store: CampaignStore, limit: int | None = None) -> list[Failure]:
@@ -174,28 +182,36 @@ def describe_drive(segment: Segment, result: Result) -> str:
         segment: segment of the drive.
         result: verdict on the drive.
     """
-    if result.outcome is Outcome.PASS:
-        return describe(Failure.of(segment, id=0, moobd=result.moobd or 0.0, is_near_miss=True))
-    failure = Failure.of_segment(segment, result) if result.outcome is Outcome.FAIL else None
+    failure = Failure.of_judged(result, segment)
     return "" if failure is None else describe(failure)
 
 
 def describe(failure: Failure) -> str:
-    """Return a failure in one phrase, such as ``leaves to the left on a straight, at 41 km/h``."""
+    """Return a failure or near miss in one phrase.
+
+    For example: ``leaves to the left on a straight, at 41 km/h``.
+    """
     if failure.fault is not None:
         return str(failure.fault)
-    event = "fails in its lane" if failure.side is None else f"leaves to the {failure.side}"
-    if failure.cause is not None and failure.cause.kind is Kind.EXCEEDS:
-        event = as_text(Kind.EXCEEDS, None, failure.cause.criterion)
-    if failure.criterion == EDGE_DISTANCE:
-        event = f"comes too near to the {failure.side} edge"
-    if failure.is_near_miss:
-        verb = "crosses" if failure.moobd < 0.0 else "comes nearest to"
-        event = f"{verb} the {failure.side} edge"
     fastest = failure.speeds.max() * _KM_H
     last = max(failure.speeds[-1], 0.0) * _KM_H  # a car that has spun round may slide backwards
     speed = f"at {last:.0f} km/h"
     if fastest - last > _MENTIONED_SLOWING * _KM_H:
         speed = f"slowing from {fastest:.0f} to {last:.0f} km/h"
     place = place_text(failure.curvatures, failure.step, failure.place)
-    return f"{event} {place}, {speed}"
+    return f"{_event(failure)} {place}, {speed}"
+
+
+def _event(failure: Failure) -> str:
+    """Return what the car did at the place of a failure that is no fault, or of a near miss."""
+    if failure.is_near_miss:
+        # A car that crosses the edge passes as long as it stays within the tolerance.
+        verb = "crosses" if failure.moobd < 0.0 else "comes nearest to"
+        return f"{verb} the {failure.side} edge"
+    if failure.criterion == EDGE_DISTANCE:
+        return f"comes too near to the {failure.side} edge"
+    if failure.cause is not None and failure.cause.kind is Kind.EXCEEDS:
+        return as_text(Kind.EXCEEDS, None, failure.cause.criterion)
+    if failure.side is None:
+        return "fails in its lane"
+    return f"leaves to the {failure.side}"

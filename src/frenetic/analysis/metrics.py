@@ -276,7 +276,7 @@ class _Diversity:
     def add(self, test: Test) -> None:
         """Add a failed test, read with its trajectory."""
         segment = segment_of_test(test)
-        failure = Failure.of_segment(segment, test.result, test.id)
+        failure = Failure.of_judged(test.result, segment, test.id)
         if failure is not None:
             self.failures.append(failure)
         if segment is None:

@@ -73,7 +73,7 @@ class Reading:
             counts.add(record.candidate, record.outcome, record.moobd)
             segment = segment_of_test(record)
             if record.id in to_compare:
-                failures += filter(None, [Failure.of_segment(segment, record.result, record.id)])
+                failures += filter(None, [Failure.of_judged(record.result, segment, record.id)])
             if record.id in to_map and segment is not None:
                 mapped[record.id] = features_of(segment), record.candidate
             if record.id in to_write:
