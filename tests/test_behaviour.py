@@ -230,9 +230,18 @@ def version_text(part: object) -> str:
 PROBES: Final = probes()
 
 
+HEAVY: Final = (
+    "driver dave2",
+    "driver metadrive-expert",
+    "driver metadrive-idm",
+    "simulator metadrive",
+)
+"""Parts whose packages only ``.[test-all]`` installs."""
+
+
 def marked(name: str) -> Any:
-    """Return the name as a test's parameter: a part that needs a heavy package is heavy."""
-    return pytest.param(name, marks=pytest.mark.heavy) if "metadrive" in name else name
+    """Return the name as a test's parameter, heavy for a part in `HEAVY`."""
+    return pytest.param(name, marks=pytest.mark.heavy) if name in HEAVY else name
 
 
 @pytest.mark.parametrize("name", [marked(name) for name in PROBES])
