@@ -36,23 +36,25 @@ _MENTIONED_SLOWING: Final = 3.0  # [m/s] least loss of speed that is mentioned (
 class Failure:
     """A failed test or a near miss, with the road and the drive around its place.
 
-    A near miss is a passed test, see `is_near_miss`. A drive that a fault of the driver ended may
-    have no records, see `fault`.
+    Any passed test counts as a near miss, see `is_near_miss`. A drive that a fault of the driver
+    ended may have no records, see `fault`.
     """
 
     id: int
     """Id of the test."""
     moobd: float
-    """Minimum oob distance, in m; 0 if it was not measured."""
+    """Least distance of the car's centre to the edge of its lane, in m, negative outside the lane;
+    0 if it was not measured."""
     side: Side | None
-    """Side of the lane on which the car left; None if it failed without leaving the lane."""
+    """Side on which the car left its lane, or to which the value of another finding points; None
+    for a finding without sides, and without a finding."""
     curvatures: FloatArray
     """Curvatures of the whole road, (n,) in 1/m."""
     step: float
     """Distance between two curvatures, in m."""
     place: float
-    """Place in m along the road: where the car left its lane, or of another finding, or else where
-    the oob distance was least."""
+    """Distance along the road to the finding, in m, usually to where the car left its lane; without
+    a finding, to where the car came nearest to the edge."""
     road: FloatArray
     """Centre line, (19, 2) in m, every 2.5 m from 30 m before the place to 15 m after it: x along
     the road's direction at the place, y to its left."""
@@ -72,7 +74,7 @@ class Failure:
     cause: Cause | None = None
     """Cause of the failure; None for a fault or a near miss."""
     criterion: str | None = None
-    """Criterion that the drive exceeded, see `frenetic.oracle.Finding`; None if it stood still."""
+    """Criterion of the finding, see `frenetic.oracle.Finding`; None without a finding."""
 
     @classmethod
     def of_judged(

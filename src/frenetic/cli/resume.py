@@ -228,7 +228,7 @@ def _checked_and_moved(
         place_options: value of ``--simulator``; None without the option.
         source: the campaign as a source of parts.
         is_trusted: whether the command line has ``--trust``.
-        has_drives: whether the campaign has judged drives.
+        has_drives: whether a drive was judged that no fault of its driver ended.
 
     Raises:
         FreneticError: the campaign names code that the user has not trusted, or a part was edited.

@@ -4,16 +4,34 @@ The *place*, a distance along the road, is where the car failed or came near fai
 road; the *site* is the index of the road's value just before the place. An operator makes a child's
 curvatures, (n,) 1/m, from the parent's and from uniform random numbers, and returns by how many
 values the place has moved along the road. New values are drawn as in Section I-B of the paper, each
-relative to the value before it. Changed values are kept within the bound. The sizes of the changes
-are our choice.
+relative to the value before it. In the end all values are kept within the bound. The sizes of the
+changes are our choice.
 
-A draw takes a row ``u`` of uniform random numbers. Where a child has room for m values, the row is:
+============  ====================================================================================
+operator      what it changes
+============  ====================================================================================
+``redraw``    the road after the place, or from up to 2 values before it, is drawn anew
+``shift``     1 to 3 values in a row at the place change by the same amount
+``jitter``    all values change a little, each by its own amount
+``local``     1 to 3 values from 5 before to 3 after the place change, each by its own amount
+``prefix``    the road up to 3 to 6 values before the place is drawn anew, with 3 to 15 values
+``approach``  3 to 6 values shortly before the place are drawn anew
+``scale``     all values are multiplied by one factor
+``splice``    the road after the place becomes the mate's road from shortly before the mate's place
+``amplify``   the bend at the place, 3 values to either side, is made sharper
+``flatten``   the 7 values before that bend are made straighter, so that the car comes faster
+``mirror``    left and right change places
+``straight``  2 to 5 values of a straight are put in shortly before the place
+============  ====================================================================================
+
+A draw takes a row ``u`` of uniform random numbers from 0 to 1. Where a child has room for m values,
+the row is:
 
 =====================  =============================================================
 numbers                meaning
 =====================  =============================================================
 `PARAMETERS`           the operator's parameters, such as how many values it changes
-m                      one for each new or changed value of the child
+m                      one for each drawn value, in their order, and for ``jitter``
 m                      one for each value of the child's fresh ends
 =====================  =============================================================
 """
@@ -44,7 +62,7 @@ _OPERATORS_FOR_NEAR_MISSES = ("amplify", "flatten", "mirror", "straight")
 OPERATORS = _OPERATORS_FOR_ALL + _OPERATORS_FOR_NEAR_MISSES
 """Names of the operators. The number of an operator is its index."""
 FAILURE_OPERATOR_COUNT = len(_OPERATORS_FOR_ALL)
-"""Number of operators for the roads of failures: the first of `OPERATORS`. Near misses have all."""
+"""Roads of failures use only so many of `OPERATORS`, the first; near misses use all."""
 
 # Constants, since compiled code cannot look up names.
 REDRAW = OPERATORS.index("redraw")
@@ -154,12 +172,12 @@ def _change_values(
 ) -> None:
     """Change values of a child, a copy of its parent, by an operator that keeps their number.
 
-    Changes are in 1/m on the competition's roads; counts and distances are in values; factors of
-    curvatures have no unit. See `vary` for the arguments.
+    Changes are in 1/m, for the competition's bound; `size` scales them to another bound. Counts
+    and distances are in values; factors of curvatures have no unit. See `vary` for the arguments.
     """
     n, site, numbers = len(child), parent.site, u[PARAMETERS:]
     size = limits[0] / CURVATURE_BOUND  # scale of changes: 1 on the competition's roads
-    if operator == SHIFT:  # 1 to 3 values just after the place
+    if operator == SHIFT:  # 1 to 3 values, from just before or just after the place on
         first = min(site + _whole(u[0], 0.0, 1.0), n - 1)
         change = _between(u[1], 0.02, 0.06) * size
         change = change if u[2] < 0.5 else -change
@@ -179,7 +197,7 @@ def _change_values(
         for k in range(_whole(u[0], 1.0, 3.0)):
             i = min(max(site + _whole(u[1 + 2 * k], -5.0, 3.0), 0), n - 1)
             child[i] += _between(u[2 + 2 * k], -0.05, 0.05) * size
-    elif operator == APPROACH:  # 3 to 6 values before the place
+    elif operator == APPROACH:  # 3 to 6 values before the place, drawn anew
         end = max(site - _whole(u[0], 0.0, 2.0), 1)
         start = max(end - _whole(u[1], 3.0, 6.0), 0)
         _draw(child, start, end, child[start - 1] if start > 0 else 0.0, numbers, limits)
@@ -222,6 +240,7 @@ def vary(
     road, site, numbers = parent.curvatures, parent.site, u[PARAMETERS:]
     room, bound = len(child), limits[0]
     n, moved = len(road), 0
+    # A road of another length has at most the usual one, but `MIN_REST` values after the site.
     if operator == REDRAW:  # the road after the place, or from shortly before it
         keep = max(site + 1 - _whole(u[0], 0.0, 2.0), 2)
         n = max(length, keep + MIN_REST)

@@ -2,9 +2,9 @@
 
 A fit takes steps by Levenberg (1944) and Marquardt (1963) that lower the squared differences of
 lateral offset and speed along the roads. A car that slides makes the differences erratic. A fit
-therefore goes through three stages. The first compares only the parts of the drives near the lane's
-middle, and takes slopes over wide differences of the values. The second and third follow the car
-further out, over narrower differences, and the third compares more drives.
+therefore goes through three stages. The first compares each drive only until the car is 0.7 m
+from the lane's middle, and takes slopes over wide differences of the values. The second and third
+follow the car further out, over narrower differences, and the third compares more drives.
 """
 
 from __future__ import annotations
@@ -36,9 +36,9 @@ class _FitStage:
     max_offset: float
     """Offset from the lane's middle at which recorded drives are cut off, in m."""
     drive_count: int
-    """Number of drives that are compared, as `thinned` takes it."""
+    """Least number of drives to compare, if there are as many; at most nearly twice as many."""
     max_steps: int
-    """Largest number of steps of the stage."""
+    """Largest number of tries of a step, also of those that only narrow the differences."""
     slope_width: float
     """Width of the finite differences at the stage's start, in unit values."""
 
