@@ -21,7 +21,7 @@ from collections.abc import Collection, Iterable
 from importlib.util import find_spec
 from pathlib import Path
 from types import MappingProxyType
-from typing import Final, NamedTuple, TypedDict
+from typing import Final, NamedTuple
 
 from frenetic._support.option_text import part_word
 from frenetic._support.printable import shortened
@@ -50,16 +50,6 @@ class CodeClaim(NamedTuple):
     """Folder from which the file says that the code was loaded."""
     sources: object = None
     """Sources of the parts that the file stores, as for `sign`."""
-
-
-class TrustOptions(TypedDict, total=False):
-    """Keyword arguments of `require_trusted`, where their meaning is described."""
-
-    named: Parts
-    needed: Parts | None
-    is_trusted: bool
-    is_toml: bool
-    optional: Collection[str]
 
 
 def require_trusted(
