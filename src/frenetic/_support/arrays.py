@@ -1,4 +1,4 @@
-"""The type of arrays of numbers, arrays that grow, and choices of evenly spaced indices."""
+"""The types of arrays of numbers, arrays that grow, and choices of evenly spaced indices."""
 
 from __future__ import annotations
 
@@ -9,6 +9,8 @@ import numpy.typing as npt
 
 FloatArray = npt.NDArray[np.float64]
 """Float64 array; docstrings give the shape."""
+IntArray = npt.NDArray[np.int64]
+"""Int64 array; docstrings give the shape."""
 
 _GOLDEN_RATIO = (5.0**0.5 - 1.0) / 2.0
 """Number whose multiples modulo 1 spread evenly, however many there are."""

@@ -10,11 +10,8 @@ from __future__ import annotations
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
-from frenetic._support.arrays import FloatArray
-
-IntArray = npt.NDArray[np.int64]
+from frenetic._support.arrays import FloatArray, IntArray
 
 BATCH: Final = 3000
 """Largest number of vectors linked at a time (our choice); time and memory grow with the square."""

@@ -10,9 +10,8 @@ from types import MappingProxyType
 from typing import Any, Final, Literal, TypeAlias
 
 import numpy as np
-import numpy.typing as npt
 
-from frenetic._support.arrays import FloatArray, evenly
+from frenetic._support.arrays import FloatArray, IntArray, evenly
 from frenetic.analysis.clusters import cluster_failures
 from frenetic.analysis.failures import Failure
 from frenetic.analysis.features import FEATURES, features_of
@@ -25,7 +24,6 @@ from frenetic.campaign.store import CampaignStore
 from frenetic.oracle.outcome import Outcome
 from frenetic.road import LANE_WIDTH
 
-IntArray: TypeAlias = npt.NDArray[np.int64]
 Curve: TypeAlias = Literal["distinct_after", "failures_after"]
 """Name of a curve of `CampaignMeasures`."""
 

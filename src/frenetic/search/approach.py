@@ -18,18 +18,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from frenetic._support.arrays import FloatArray
+from frenetic._support.arrays import FloatArray, IntArray
 from frenetic._support.compiled import njit
 from frenetic.road.geometry import build_table, frame_at, sub_steps
 
 if TYPE_CHECKING:
-    from typing import TypeAlias
-
-    import numpy.typing as npt
-
     from frenetic.search.records import Trace
 
-    IntArray: TypeAlias = npt.NDArray[np.int64]
 
 SPACING = 2.5
 """Distance between two values of an approach, in m."""

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
-from frenetic._support.arrays import FloatArray
+from frenetic._support.arrays import FloatArray, IntArray
 from frenetic._support.compiled import njit
 from frenetic.search.approach import (
     AHEAD,
@@ -33,13 +33,6 @@ from frenetic.search.variation import (
     scale_values,
     vary,
 )
-
-if TYPE_CHECKING:
-    from typing import TypeAlias
-
-    import numpy.typing as npt
-
-    IntArray: TypeAlias = npt.NDArray[np.int64]
 
 FAILURE_DISTANCES = (0.0, -5.0, 5.0, 10.0, 15.0)
 """Distances from the parent's place to the places where a child may fail, in m, the likeliest first
@@ -92,16 +85,7 @@ class ChildDraws(NamedTuple):
 
     def after(self, draw: int) -> ChildDraws:
         """Return the draws after the draw with an index."""
-        start = draw + 1
-        return ChildDraws(
-            operators=self.operators[start:],
-            u=self.u[start:],
-            mates=self.mates[start:],
-            mate_sizes=self.mate_sizes[start:],
-            mate_sites=self.mate_sites[start:],
-            lengths=self.lengths[start:],
-            run_ups=self.run_ups[start:],
-        )
+        return ChildDraws._make(values[draw + 1 :] for values in self)
 
 
 class RefusingFailures(NamedTuple):

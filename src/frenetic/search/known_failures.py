@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import numpy as np
 
-from frenetic._support.arrays import FloatArray, with_room
+from frenetic._support.arrays import FloatArray, IntArray, with_room
 from frenetic._support.compiled import njit
 from frenetic.search.approach import (
     BEHIND,
@@ -33,7 +33,6 @@ if TYPE_CHECKING:
 
     import numpy.typing as npt
 
-    IntArray = npt.NDArray[np.int64]
 
 OUTLINE_SIZE: Final = 6
 """Number of values of an outline."""

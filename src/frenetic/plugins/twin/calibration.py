@@ -15,7 +15,7 @@ import numpy as np
 from msgspec import Struct
 from threadpoolctl import threadpool_limits
 
-from frenetic._support.arrays import FloatArray
+from frenetic._support.arrays import FloatArray, IntArray
 from frenetic._support.option_text import read_part
 from frenetic.analysis.statistics import ranks
 from frenetic.errors import FreneticError
@@ -24,12 +24,7 @@ from frenetic.plugins.twin.fitting import Fitter
 from frenetic.plugins.twin.intervals import fitted_parameters
 from frenetic.plugins.twin.model import TwinModel
 from frenetic.plugins.twin.profile import PredictionFigures, TwinProfile, Validation
-from frenetic.plugins.twin.recorded_drive import (
-    IntArray,
-    RecordedDrive,
-    group_labels,
-    states_of,
-)
+from frenetic.plugins.twin.recorded_drive import RecordedDrive, group_labels, states_of
 from frenetic.plugins.twin.recordings import RecordedTerms, Recordings, read_recordings
 from frenetic.plugins.twin.verdict import (
     CURVATURE,

@@ -7,10 +7,10 @@ from typing import Final
 
 import numpy as np
 
-from frenetic._support.arrays import FloatArray
+from frenetic._support.arrays import FloatArray, IntArray
 from frenetic.plugins.twin.fitting import FitPoint, Fitter, joined, normal_matrix
 from frenetic.plugins.twin.profile import Fitted
-from frenetic.plugins.twin.recorded_drive import IntArray, RecordedDrive, group_labels, thinned
+from frenetic.plugins.twin.recorded_drive import RecordedDrive, group_labels, thinned
 
 _DRIVES: Final = 100  # on which values are compared with the best ones, as `thinned` takes it; ours
 _MAX_ERRORS: Final = 1.96  # standard errors by which an equally good loss may be larger: 95 %

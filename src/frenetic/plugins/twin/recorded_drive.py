@@ -6,17 +6,14 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Final, TypeAlias
+from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
-from frenetic._support.arrays import FloatArray
+from frenetic._support.arrays import FloatArray, IntArray
 from frenetic.oracle.assessment import Assessment
 from frenetic.oracle.drive import Drive
 from frenetic.road import Road
-
-IntArray: TypeAlias = npt.NDArray[np.int64]
 
 GRID: Final = 2.0
 """Distance along the road between two positions at which drives are compared, in m."""

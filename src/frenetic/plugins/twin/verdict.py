@@ -8,11 +8,10 @@ from typing import Final, Literal, TypeAlias
 
 import numpy as np
 
-from frenetic._support.arrays import FloatArray
+from frenetic._support.arrays import FloatArray, IntArray
 from frenetic._support.words import counted
 from frenetic.analysis.statistics import a12
 from frenetic.plugins.twin.profile import PredictionFigures, TwinProfile
-from frenetic.plugins.twin.recorded_drive import IntArray
 
 UNFITTED: Final = "the driver as it was"
 """Name of the baseline that drives with the twin before its fit."""
