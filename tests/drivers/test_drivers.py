@@ -110,7 +110,9 @@ def test_laws_are_compiled_once_for_all_kinds_of_arrays() -> None:
     with EmbeddedSimulator() as simulator:
         simulator.drive(Road([0.0, 0.0]), Planner())  # the rollout
     assert len({controls_of(Planner(), view) for view in (plain, fixed, strided)}) == 1
-    assert len(laws.decide.signatures) == 1  # type: ignore[attr-defined]
+    signatures: list[Any] = laws.decide.signatures  # type: ignore[attr-defined]
+    # A law with a memory, the elastic band, is compiled for itself.
+    assert len([types for types in signatures if str(types[-1]) == "none"]) == 1
 
 
 def speed_wanted(curvature_ahead: FloatArray, driver: Planner | Stanley) -> float:

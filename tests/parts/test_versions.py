@@ -196,11 +196,12 @@ def test_wrappers_and_own_parts_have_declared_versions(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     before = describe(load_driver("planner", delay=0.1))
+    version = Planner.BEHAVIOUR
     assert (short_version(before), sources_of(Planner())) == ("version 1", {})
-    monkeypatch.setattr(Planner, "BEHAVIOUR", 2)
+    monkeypatch.setattr(Planner, "BEHAVIOUR", version + 1)
     assert differences("driver", before, describe(load_driver("planner", delay=0.2))) == (
         "driver Delayed: seconds is 0.2, it was 0.1",
-        "driver planner: it is version 2, it was version 1",
+        f"driver planner: it is version {version + 1}, it was version {version}",
     )
     assert differences("driver", before, describe(load_driver("stanley"))) == (
         "driver is stanley, it was Delayed",

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 import pytest
+from one_car import advance_period
 from scipy.integrate import solve_ivp
 
 from frenetic import (
@@ -37,7 +38,6 @@ from frenetic.road.geometry import project_near
 from frenetic.search import Candidate, Origin
 from frenetic.simulators import Simulator
 from frenetic.simulators.embedded import single_track
-from frenetic.simulators.embedded.rollout import advance_period
 from frenetic.simulators.embedded.single_track import (
     HEADING,
     LATERAL_SPEED,
@@ -58,7 +58,6 @@ from frenetic.simulators.embedded.vehicle import (
     TURN,
     TWIST,
 )
-from frenetic.simulators.embedded.weather import NONE
 from frenetic.testing import DummyDriver, DummySimulator
 
 FloatArray = npt.NDArray[np.float64]
@@ -117,9 +116,8 @@ def periods(road: Road, car: Vehicle, state: FloatArray, count: int, **inputs: f
     steering, throttle, brake = (
         inputs.get(name, 0.0) for name in ("steering", "throttle", "brake")
     )
-    below = road.table, road.sub_step, road.slopes
     for _ in range(count):
-        s = advance_period(state, steering, throttle, brake, p, *below, s, NONE)
+        s = advance_period(state, (steering, throttle, brake), p, road, s)
         states.append(state.copy())
     return np.array(states)
 

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from one_car import advance
 from scipy.integrate import solve_ivp
 from vehiclemodels.parameters_vehicle2 import parameters_vehicle2
 from vehiclemodels.utils.tire_model import formula_lateral
@@ -31,7 +32,6 @@ from frenetic.simulators.embedded.single_track import (
     YAW_RATE,
     X,
     Y,
-    advance,
     motion,
 )
 from frenetic.simulators.embedded.vehicle import Vehicle

@@ -82,6 +82,7 @@ def test_compiled_and_python_drivers_drive_alike_in_weather(
 def test_a_gust_pushes_by_its_formula_and_only_at_its_place() -> None:
     car = Vehicle()
     weather = weather_array(car, 1.0, 12.0, 0.0, 100.0)
+    assert weather is not None
     state = np.array([0.0, 0.0, 0.0, 20.0, 0.0, 0.0, 0.0])
     for away in (-30.0, -15.0, 0.0, 25.0, 30.1):
         wind = 12.0 * 0.5 * (1.0 + math.cos(2.0 * math.pi * away / GUST_LENGTH))

@@ -41,6 +41,8 @@ def njit(
     *,
     error_model: Literal["python", "numpy"] = "python",
     inline: Literal["never", "always"] = "never",
+    force_inline: bool = False,
+    nogil: bool = False,
 ) -> Callable[[_Kernel], _Kernel]:
     """Return Numba's decorator ``njit``, with its cache on disk.
 
@@ -49,12 +51,19 @@ def njit(
 
     Args:
         error_model: whether a division by 0 raises ("python") or gives infinity ("numpy").
-        inline: whether the kernel is copied into the kernels that call it.
+        inline: whether the kernel's source is copied into the kernels that call it.
+        force_inline: whether its machine code is, so that a loop around it can become vector code.
+        nogil: whether other threads of Python may run while the kernel does.
     """
 
     def compile_lazily(kernel: _Kernel) -> _Kernel:
         dispatcher = numba.njit(
-            error_model=error_model, inline=inline, cache=True, no_cfunc_wrapper=True
+            error_model=error_model,
+            inline=inline,
+            forceinline=force_inline,
+            nogil=nogil,
+            cache=True,
+            no_cfunc_wrapper=True,
         )(kernel)
         if is_jitted(dispatcher):
             compile_now = dispatcher.compile

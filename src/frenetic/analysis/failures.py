@@ -21,7 +21,7 @@ from frenetic.campaign.record import Test
 from frenetic.campaign.store import CampaignStore
 from frenetic.criteria.criterion import EDGE_DISTANCE
 from frenetic.errors import Fault
-from frenetic.oracle.assessment import Assessment
+from frenetic.oracle.drive_assessment import Assessment
 from frenetic.oracle.outcome import Outcome
 from frenetic.oracle.verdict import Result, Side
 from frenetic.road import LANE_WIDTH

@@ -12,7 +12,6 @@ from frenetic._support.bounds import NotNegative, Positive, check
 from frenetic._support.scalars import take_numpy_scalars
 from frenetic.drivers import laws
 from frenetic.drivers.driver import Controls, DriveSetup, Observation
-from frenetic.drivers.elastic_band import MEMORY
 from frenetic.road.classes import GRAVITY
 
 
@@ -54,7 +53,8 @@ class BuiltIn:
         """Prepare for the next drive."""
         self._setup = laws.setup_array(setup)
         self._parameters = self.parameters()
-        self._memory = np.zeros(MEMORY)
+        memories = laws.new_memory(self.law, 1)
+        self._memory = None if memories is None else memories[0]
 
     def act(self, observation: Observation) -> Controls:
         """Return the law's controls."""
@@ -116,7 +116,7 @@ class Planner(SpeedPlanner):
     """
 
     law: ClassVar[int] = laws.PLANNER
-    BEHAVIOUR: ClassVar[int] = 1
+    BEHAVIOUR: ClassVar[int] = 2
 
     lookahead_time: NotNegative = 0.3
     """Driving time to the point to which the car steers, in s."""
@@ -136,7 +136,7 @@ class Stanley(SpeedPlanner):
     """
 
     law: ClassVar[int] = laws.STANLEY
-    BEHAVIOUR: ClassVar[int] = 1
+    BEHAVIOUR: ClassVar[int] = 2
 
     lateral_acceleration: Positive = 6.0
     """Lateral acceleration in curves, in m/s^2 at aggression 1."""
@@ -218,7 +218,7 @@ class BeamngAi(BuiltIn):
     """
 
     law: ClassVar[int] = laws.BEAMNG_AI
-    BEHAVIOUR: ClassVar[int] = 2
+    BEHAVIOUR: ClassVar[int] = 3
     VEHICLE: ClassVar[str] = "etk800"
     """Car that the embedded simulator uses for this driver if the user chooses no car."""
 

@@ -25,6 +25,7 @@ import numpy as np
 
 from frenetic._support.arrays import FloatArray
 from frenetic._support.compiled import njit
+from frenetic._support.trigonometry import arctangent, cosine, hypotenuse, sine
 from frenetic.drivers.driver import AHEAD_SPACING
 
 HORIZON: Final = 48.0
@@ -77,8 +78,8 @@ def lane_at(
         first = -heading_error
         middle = first + half * (kappa + 0.5 * rate * half)
         last = first + u * (kappa + 0.5 * rate * u)
-        x = math.cos(first) + 4.0 * math.cos(middle) + math.cos(last)
-        y = math.sin(first) + 4.0 * math.sin(middle) + math.sin(last)
+        x = cosine(first) + 4.0 * cosine(middle) + cosine(last)
+        y = sine(first) + 4.0 * sine(middle) + sine(last)
         return ahead[0, 0] + u * x / 6.0, ahead[0, 1] + u * y / 6.0
     i = min(int(u / AHEAD_SPACING), rows - 2)
     t = u / AHEAD_SPACING - i
@@ -125,7 +126,7 @@ def _lay_nodes(
     for i in range(count):
         x = line[i + 2, 0] - line[i, 0]
         y = line[i + 2, 1] - line[i, 1]
-        length = math.hypot(x, y)
+        length = hypotenuse(x, y)
         normal[2 * i, 0] = -y / length
         normal[2 * i, 1] = x / length
         middle[2 * i, 0] = line[i + 1, 0]
@@ -133,7 +134,7 @@ def _lay_nodes(
         if i:
             x = line[i + 1, 0] - line[i, 0]
             y = line[i + 1, 1] - line[i, 1]
-            length = math.hypot(x, y)
+            length = hypotenuse(x, y)
             normal[2 * i - 1, 0] = -y / length
             normal[2 * i - 1, 1] = x / length
             middle[2 * i - 1, 0] = 0.5 * (line[i, 0] + line[i + 1, 0])
@@ -271,7 +272,7 @@ def _point_on_plan(plan: FloatArray, here: int, gap: float, rest: float) -> tupl
     while rest > gap and i < nodes - 2:
         rest -= gap
         i += 1
-        gap = math.hypot(plan[i + 1, 0] - plan[i, 0], plan[i + 1, 1] - plan[i, 1])
+        gap = hypotenuse(plan[i + 1, 0] - plan[i, 0], plan[i + 1, 1] - plan[i, 1])
     t = rest / gap
     k = i if t < 0.5 else i + 1
     if t <= 1.0 and 0 < k < nodes - 1:
@@ -337,7 +338,7 @@ def drive_along_band(
     # Find the car's position along the plan; its error beside the plan moves the nodes ahead.
     x = plan[here + 1, 0] - plan[here, 0]
     y = plan[here + 1, 1] - plan[here, 1]
-    gap = math.hypot(x, y)
+    gap = hypotenuse(x, y)
     along = min(max(((front - plan[here, 0]) * x - plan[here, 1] * y) / gap, 0.0), gap)
     error = (-plan[here, 1] * x - (front - plan[here, 0]) * y) / gap
     share = p[FORGIVENESS] * period * error
@@ -357,5 +358,5 @@ def drive_along_band(
     rest = along + max(p[LOOKAHEAD_TIME] * speed, p[LOOKAHEAD_MIN])
     x, y = _point_on_plan(plan, here, gap, rest)
     x -= front
-    turned = math.asin(y / math.hypot(x, y)) if x > 0.0 else math.copysign(1.0, y)
+    turned = arctangent(y / x) if x > 0.0 else math.copysign(1.0, y)
     return p[STEERING_GAIN] * min(max(turned, -1.0), 1.0), throttle, brake

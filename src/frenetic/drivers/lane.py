@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
 
 from frenetic._support.arrays import FloatArray
 from frenetic._support.compiled import njit
+from frenetic._support.trigonometry import cosine, sine
 from frenetic.road import Road
 from frenetic.road.geometry import frame_at, heading_at
 from frenetic.road.profile import value_at
@@ -86,16 +86,16 @@ def _lane(
     """
     n = len(distances)
     points, headings, curvatures = np.empty((n, 2)), np.empty(n), np.empty(n)
-    x, y, cosine, sine, _ = frame_at(table, ds, s)
-    x -= (offset + left) * sine
-    y += (offset + left) * cosine
+    x, y, lane_c, lane_s, _ = frame_at(table, ds, s)
+    x -= (offset + left) * lane_s
+    y += (offset + left) * lane_c
     heading = heading_at(table, ds, s) + turned
-    c, w = math.cos(heading), math.sin(heading)
+    c, w = cosine(heading), sine(heading)
     for i in range(n):
         at = s + distances[i]
-        px, py, cosine, sine, kappa = frame_at(table, ds, at)
-        px -= offset * sine + x
-        py += offset * cosine - y
+        px, py, lane_c, lane_s, kappa = frame_at(table, ds, at)
+        px -= offset * lane_s + x
+        py += offset * lane_c - y
         points[i, 0] = c * px + w * py
         points[i, 1] = c * py - w * px
         headings[i] = heading_at(table, ds, at) - heading

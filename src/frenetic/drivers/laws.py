@@ -21,8 +21,9 @@ import numpy as np
 
 from frenetic._support.arrays import FloatArray
 from frenetic._support.compiled import njit
+from frenetic._support.trigonometry import arctangent, sine
 from frenetic.drivers.driver import AHEAD_SPACING, DriveSetup
-from frenetic.drivers.elastic_band import drive_along_band
+from frenetic.drivers.elastic_band import MEMORY, drive_along_band
 
 PLANNER, STANLEY, BEAMNG_AI = range(3)
 """Numbers of the laws."""
@@ -47,6 +48,8 @@ LOOKAHEAD_TIME, LOOKAHEAD_MIN = 4, 5
 # Further parameters of `stanley`.
 OFFSET_GAIN, SOFTENING, YAW_DAMPING = 4, 5, 6
 
+_LEAST_BEND = 1e-12
+"""Sum of curvatures below which a road counts as straight, in 1/m: it keeps a quotient finite."""
 SPACING = AHEAD_SPACING
 """Distance along the road between two points of the view, in m."""
 
@@ -68,7 +71,12 @@ def setup_array(setup: DriveSetup) -> FloatArray:
     )
 
 
-@njit()
+def new_memory(law: int, count: int) -> FloatArray | None:
+    """Return the states of ``count`` drivers at the start of a drive, (count, m); None without."""
+    return np.zeros((count, MEMORY)) if law == BEAMNG_AI else None
+
+
+@njit(error_model="numpy", inline="always")
 def planned_speed(
     curvature_ahead: FloatArray,
     limit_ahead: FloatArray,
@@ -104,13 +112,12 @@ def planned_speed(
         if i - smoothing - 1 >= 0:
             total -= curvature_ahead[i - smoothing - 1]
         count = min(i + smoothing, rows - 1) - max(i - smoothing, 0) + 1
-        kappa = abs(total) / count
-        if kappa * square > lateral:
-            square = min(square, lateral / kappa + 2.0 * braking * i * SPACING)
+        bend = max(abs(total), _LEAST_BEND)
+        square = min(square, lateral * count / bend + 2.0 * braking * i * SPACING)
     return math.sqrt(square)
 
 
-@njit()
+@njit(error_model="numpy", inline="always")
 def planned_pedals(
     speed: float,
     curvature_ahead: FloatArray,
@@ -134,7 +141,35 @@ def planned_pedals(
     return 0.0, min(-acceleration / setup[MAX_DECELERATION], 1.0)
 
 
-@njit()
+@njit(error_model="numpy", force_inline=True)
+def _lookahead_row(speed: float, rows: int, parameters: FloatArray) -> float:
+    """Return the place of the planner's lookahead point in the view, in rows."""
+    lookahead: float = parameters[LOOKAHEAD_MIN] + parameters[LOOKAHEAD_TIME] * speed
+    return min(lookahead / SPACING, rows - 1.0)
+
+
+@njit(error_model="numpy", force_inline=True)
+def _rows_around(row: float, rows: int) -> tuple[int, int]:
+    """Return the first row, and the row after the last, that surround a place in the view."""
+    i = max(min(int(row), rows - 2), 0)
+    return i, min(i + 2, rows)
+
+
+@njit(error_model="numpy", force_inline=True)
+def rows_read(law: int, speed: float, rows: int, parameters: FloatArray) -> tuple[int, int]:
+    """Return which of the points ``ahead`` a law reads: the first one, and the one after the last.
+
+    Args:
+        law: see `decide`.
+        speed: speed of the car, in m/s.
+        rows, parameters: see the module's text.
+    """
+    if law == PLANNER:
+        return _rows_around(_lookahead_row(speed, rows, parameters), rows)
+    return 0, 0 if law == STANLEY else rows
+
+
+@njit(error_model="numpy", inline="always")
 def planner(
     speed: float,
     ahead: FloatArray,
@@ -150,21 +185,20 @@ def planner(
     rear axle through the point of the lane's centre at the lookahead distance.
     """
     throttle, brake = planned_pedals(speed, curvature_ahead, limit_ahead, rows, parameters, setup)
-    lookahead = parameters[LOOKAHEAD_MIN] + parameters[LOOKAHEAD_TIME] * speed
-    row = min(lookahead / SPACING, rows - 1.0)  # between rows i and j of the view
-    i = max(min(int(row), rows - 2), 0)
+    row = _lookahead_row(speed, rows, parameters)
+    i, stop = _rows_around(row, rows)
+    j = stop - 1
     t = row - i
-    j = min(i + 1, rows - 1)
     x = ahead[i, 0] + t * (ahead[j, 0] - ahead[i, 0]) + setup[REAR_AXLE]
     y = ahead[i, 1] + t * (ahead[j, 1] - ahead[i, 1])
     square = max(x * x + y * y, 1.0)
     wheelbase = setup[FRONT_AXLE] + setup[REAR_AXLE]
-    steering = math.atan(2.0 * wheelbase * y / square)
+    steering = arctangent(2.0 * wheelbase * y / square)
     bound = setup[MAX_STEERING]
     return min(max(steering, -bound), bound), throttle, brake
 
 
-@njit()
+@njit(error_model="numpy", inline="always")
 def stanley(
     speed: float,
     yaw_rate: float,
@@ -184,19 +218,19 @@ def stanley(
     """
     throttle, brake = planned_pedals(speed, curvature_ahead, limit_ahead, rows, parameters, setup)
     wheelbase = setup[FRONT_AXLE] + setup[REAR_AXLE]
-    offset = lateral_offset + setup[FRONT_AXLE] * math.sin(heading_error)
+    offset = lateral_offset + setup[FRONT_AXLE] * sine(heading_error)
     kappa = curvature_ahead[0]
     steering = (
-        math.atan(wheelbase * kappa)
+        arctangent(wheelbase * kappa)
         - heading_error
-        - math.atan(parameters[OFFSET_GAIN] * offset / (parameters[SOFTENING] + speed))
+        - arctangent(parameters[OFFSET_GAIN] * offset / (parameters[SOFTENING] + speed))
         - parameters[YAW_DAMPING] * (yaw_rate - speed * kappa)
     )
     bound = setup[MAX_STEERING]
     return min(max(steering, -bound), bound), throttle, brake
 
 
-@njit()
+@njit(error_model="numpy", force_inline=True)
 def decide(
     law: int,
     speed: float,
@@ -210,7 +244,7 @@ def decide(
     rows: int,
     parameters: FloatArray,
     setup: FloatArray,
-    memory: FloatArray,
+    memory: FloatArray | None,
 ) -> tuple[float, float, float]:
     """Return steering in rad, throttle and brake by the law with a number.
 
@@ -218,12 +252,11 @@ def decide(
         law: `PLANNER`, `STANLEY` or `BEAMNG_AI`.
         speed, yaw_rate, distance, lateral_offset, heading_error: see `Observation`.
         ahead, curvature_ahead, limit_ahead, rows, parameters, setup: see the module's text.
-        memory: state of the law between two calls, (`elastic_band.MEMORY`,); zeros at the start of
-            a drive.
+        memory: state of the law between two calls, see `new_memory`.
     """
-    if law == PLANNER:
-        return planner(speed, ahead, curvature_ahead, limit_ahead, rows, parameters, setup)
-    if law == STANLEY:
+    if memory is None:  # compiled without the elastic band
+        if law == PLANNER:
+            return planner(speed, ahead, curvature_ahead, limit_ahead, rows, parameters, setup)
         return stanley(
             speed,
             yaw_rate,

@@ -18,6 +18,7 @@ from msgspec import Meta
 from frenetic._support.arrays import FloatArray
 from frenetic._support.bounds import Index, NotNegative, Positive, check
 from frenetic._support.compiled import njit
+from frenetic._support.trigonometry import cosine, sine
 from frenetic.drivers.builtin import BuiltIn
 from frenetic.drivers.driver import (
     AHEAD_POINTS,
@@ -37,7 +38,7 @@ _BLOCK: Final = 256  # number of errors that are drawn at once; part of the beha
 
 
 @njit()
-def disturb(ahead: FloatArray, rows: int, offset: float, heading: float) -> None:
+def disturb(ahead: FloatArray, first: int, stop: int, offset: float, heading: float) -> None:
     """Move the view ahead, in place, to where a car with a wrong position sees it.
 
     A car that believes itself ``offset`` m further left and turned by ``heading`` rad sees every
@@ -45,12 +46,12 @@ def disturb(ahead: FloatArray, rows: int, offset: float, heading: float) -> None
 
     Args:
         ahead: points of the view, (n, 2) in m, see `Observation.ahead`.
-        rows: number of points that are moved.
+        first, stop: points that are moved: from number ``first`` up to, but without, ``stop``.
         offset: error of the lateral offset, in m.
         heading: error of the heading, in rad.
     """
-    c, s = math.cos(heading), math.sin(heading)
-    for i in range(rows):
+    c, s = cosine(heading), sine(heading)
+    for i in range(first, stop):
         x, y = ahead[i, 0], ahead[i, 1] - offset
         ahead[i, 0] = c * x + s * y
         ahead[i, 1] = c * y - s * x
@@ -113,7 +114,7 @@ class Noisy(OwnWrapper):
         offset, heading = self._errors.upto(self._calls + 1)[self._calls]
         self._calls += 1
         ahead = observation.ahead.copy()
-        disturb(ahead, len(ahead), offset, heading)
+        disturb(ahead, 0, len(ahead), offset, heading)
         lane_heading = observation.heading - observation.heading_error
         return self.driver.act(
             replace(

@@ -6,17 +6,16 @@ to know when to stop, and `assess` calls it for each record of a trajectory.
 
 from __future__ import annotations
 
-import math
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
 from frenetic._support.arrays import FloatArray
 from frenetic._support.compiled import njit
+from frenetic._support.trigonometry import hypotenuse
+from frenetic.oracle.drive_assessment import Assessment
 from frenetic.oracle.lane_share import share_outside
 from frenetic.road.geometry import X, Y, heading_at, project_global, project_near, reach_of
-from frenetic.road.profile import value_at
 
 if TYPE_CHECKING:
     from frenetic.oracle.drive import Drive, Rules
@@ -27,23 +26,22 @@ RUNNING, REACHED, LEFT_LANE, STUCK, TIMED_OUT = range(5)
 
 _DISTANCE, _OFFSET, _OOB_SHARE = range(3)
 """Columns of the rows that `_assess` returns, one row per record."""
+_RECORD_TIME, _RECORD_X, _RECORD_Y, _RECORD_HEADING = range(4)
+"""Columns of the records that a drive is assessed from."""
 _TIME_ROUNDING: Final = 1e-9
 """Time by which a rounded time may miss `Rules.stuck_time`, in s; our choice."""
 _LENGTH_ROUNDING: Final = 1e-9
 """Distance by which the car may be short of the road's end and has reached it, in m; our choice."""
 
 
-@njit()
+@njit(error_model="numpy", force_inline=True)
 def assess_record(
     table: FloatArray,
     ds: float,
     lane_width: float,
     rules: FloatArray,
     car: FloatArray,
-    times: FloatArray,
-    xs: FloatArray,
-    ys: FloatArray,
-    heading: float,
+    records: FloatArray,
     i: int,
     s_before: float,
     least: float,
@@ -55,8 +53,8 @@ def assess_record(
         lane_width: width of a lane outside bends, in m.
         rules: rules, (5,), see `rules_array`.
         car: the car's box, (3,), see `CarBody.to_array`.
-        times, xs, ys: columns of the trajectory, filled up to ``i``.
-        heading: heading of the car at record ``i``, in rad.
+        records: (n, m) records of the trajectory, filled up to ``i``; the first columns are time in
+            s, x and y in m, and heading in rad.
         s_before: distance along the road at record ``i - 1``, in m; not used for record 0.
         least: the kernel may return 0 for an oob share below ``least``, to save time; at most the
             tolerance of the rules.
@@ -65,11 +63,11 @@ def assess_record(
         State of the drive (`RUNNING` or how it ended), distance ``s`` along the road and lateral
         offset ``d`` from the centre line in m, heading of the road in rad, and oob share.
     """
-    x, y = xs[i], ys[i]
+    x, y, heading = records[i, _RECORD_X], records[i, _RECORD_Y], records[i, _RECORD_HEADING]
     if i == 0:
         s, d = project_global(table, ds, x, y)
     else:
-        moved = math.hypot(x - xs[i - 1], y - ys[i - 1])
+        moved = hypotenuse(x - records[i - 1, _RECORD_X], y - records[i - 1, _RECORD_Y])
         s, d = project_near(table, ds, x, y, s_before, reach_of(moved))
     road_heading = heading_at(table, ds, s)
     share = share_outside(
@@ -96,64 +94,55 @@ def assess_record(
         end = LEFT_LANE
     elif (
         # Near the end of the centre line; or beyond it, on a lane so wide that the car is not near.
-        math.hypot(x - table[last, X], y - table[last, Y]) <= goal and s >= last * ds - 2.0 * goal
+        hypotenuse(x - table[last, X], y - table[last, Y]) <= goal and s >= last * ds - 2.0 * goal
     ) or (s >= last * ds - _LENGTH_ROUNDING and -lane_width <= d <= 0.0):
         end = REACHED
-    elif _is_stuck(times, xs, ys, i, stuck_distance, stuck_time):
+    elif _is_stuck(records, i, stuck_distance, stuck_time):
         end = STUCK
-    elif times[i] > timeout:
+    elif records[i, _RECORD_TIME] > timeout:
         end = TIMED_OUT
     return end, s, d, road_heading, share
 
 
-@njit()
-def _is_stuck(
-    times: FloatArray,
-    xs: FloatArray,
-    ys: FloatArray,
-    i: int,
-    stuck_distance: float,
-    stuck_time: float,
-) -> bool:
+@njit(error_model="numpy", force_inline=True)
+def _is_stuck(records: FloatArray, i: int, stuck_distance: float, stuck_time: float) -> bool:
     """Return whether a car at record ``i`` is too near to where it was ``stuck_time`` s before."""
     # Find the latest record j that is at least stuck_time old. The first guess assumes records at
     # equal intervals; the loops correct it.
-    interval = times[i] - times[i - 1] if i > 0 else 0.0
+    now = records[i, _RECORD_TIME]
+    interval = now - records[i - 1, _RECORD_TIME] if i > 0 else 0.0
     j = max(0, i - int(stuck_time / interval)) if interval > 0.0 else i
-    while j < i and times[i] - times[j + 1] >= stuck_time - _TIME_ROUNDING:
+    while j < i and now - records[j + 1, _RECORD_TIME] >= stuck_time - _TIME_ROUNDING:
         j += 1
-    while j > 0 and times[i] - times[j] < stuck_time - _TIME_ROUNDING:
+    while j > 0 and now - records[j, _RECORD_TIME] < stuck_time - _TIME_ROUNDING:
         j -= 1
-    return bool(
-        times[i] - times[j] >= stuck_time - _TIME_ROUNDING
-        and math.hypot(xs[i] - xs[j], ys[i] - ys[j]) < stuck_distance
-    )
+    dx = records[i, _RECORD_X] - records[j, _RECORD_X]
+    dy = records[i, _RECORD_Y] - records[j, _RECORD_Y]
+    is_old = now - records[j, _RECORD_TIME] >= stuck_time - _TIME_ROUNDING
+    return bool(is_old and hypotenuse(dx, dy) < stuck_distance)
 
 
-@njit()
+@njit(error_model="numpy")
 def _assess(
     table: FloatArray,
     ds: float,
     lane_width: float,
     rules: FloatArray,
     car: FloatArray,
-    times: FloatArray,
-    xs: FloatArray,
-    ys: FloatArray,
-    headings: FloatArray,
-    least: float,
+    records: FloatArray,
+    has_all_shares: bool,
 ) -> tuple[int, FloatArray]:
     """Return the state of the drive, and distance, lateral offset and oob share, (n, 3).
 
     The rows end with the record that ended the drive.
     """
-    n = len(times)
+    n = len(records)
     rows = np.empty((n, 3))
-    s = 0.0
+    s = largest = 0.0
     for i in range(n):
-        end, s, d, _, share = assess_record(
-            table, ds, lane_width, rules, car, times, xs, ys, headings[i], i, s, least
-        )
+        least = 0.0 if has_all_shares else largest
+        end, s, d, _, share = assess_record(table, ds, lane_width, rules, car, records, i, s, least)
+        largest = max(largest, share)
         rows[i, _DISTANCE] = s
         rows[i, _OFFSET] = d
         rows[i, _OOB_SHARE] = share
@@ -178,31 +167,19 @@ def rules_array(rules: Rules, road_length: float) -> FloatArray:
     )
 
 
-@dataclass(frozen=True)
-class Assessment:
-    """Position on the road and oob share at each record of a drive, up to its last record."""
-
-    end: int
-    """How the drive ended: REACHED, LEFT_LANE, STUCK or TIMED_OUT; RUNNING if no rule ended it."""
-    distance: FloatArray
-    """Distance along the road, (n,) in m."""
-    lateral_offset: FloatArray
-    """Distance left of the ego lane's centre line, (n,) in m."""
-    oob_distance: FloatArray
-    """Oob distance, (n,) in m: how far the centre of mass is inside its lane, negative outside."""
-    oob_share: FloatArray
-    """Share of the car's box outside the ego lane, (n,), 0..1."""
-
-
-def assess(road: Road, drive: Drive, *, has_shares: bool = True) -> Assessment:
+def assess(road: Road, drive: Drive, *, has_all_shares: bool = True) -> Assessment:
     """Return the assessment of a drive, by `assess_record`.
 
     Args:
         road: the road that was driven.
         drive: the drive along that road.
-        has_shares: whether every oob share is computed; otherwise shares below the tolerance may be
-            0, which saves time.
+        has_all_shares: whether every oob share is computed; otherwise only the largest is exact and
+            others may be 0, which saves time.
     """
+    if not has_all_shares and drive.assessed is not None:
+        parts = road, drive.rules, drive.car, drive.trajectory
+        if drive.assessed.holds_for(*parts):
+            return drive.assessed.assessment
     t = drive.trajectory
     end, rows = _assess(
         road.table,
@@ -210,20 +187,7 @@ def assess(road: Road, drive: Drive, *, has_shares: bool = True) -> Assessment:
         road.lane_width,
         rules_array(drive.rules, road.length),
         drive.car.to_array(),
-        # Copies are writable, like the arrays for which the rollout has compiled the kernel; for
-        # read-only arrays it would be compiled again.
-        np.array(t.time),
-        np.array(t.x),
-        np.array(t.y),
-        np.array(t.heading),
-        0.0 if has_shares else drive.rules.oob_tolerance,
+        np.column_stack([t.time, t.x, t.y, t.heading]),
+        has_all_shares,
     )
-    distance = rows[:, _DISTANCE]
-    half_width = 0.5 * road.lane_width
-    # From the ego lane's centre line, which is half a lane to the right of the road's.
-    offset = rows[:, _OFFSET] + half_width
-    oob_distance = half_width - np.abs(offset)
-    if len(road.widening):
-        to_right_edge = half_width + offset + value_at(road.widening, distance)
-        oob_distance = np.minimum(half_width - offset, to_right_edge)
-    return Assessment(end, distance, offset, oob_distance, rows[:, _OOB_SHARE])
+    return Assessment.of(road, end, rows[:, _DISTANCE], rows[:, _OFFSET], rows[:, _OOB_SHARE])

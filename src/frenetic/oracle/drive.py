@@ -15,6 +15,7 @@ from frenetic.criteria.criterion import JUDGED_BY_LANE, CriteriaSet
 from frenetic.errors import Trouble
 
 if TYPE_CHECKING:
+    from frenetic.oracle.drive_assessment import DriveAssessment
     from frenetic.road import Road
 
 
@@ -279,6 +280,9 @@ class Drive:
     """Error of the driver or the simulator; None if the drive ended by the rules."""
     driver_seconds: float = field(default=0.0, compare=False)
     """Wall time in the driver's own code, in s; 0 if the simulator does not say."""
+
+    assessed: DriveAssessment | None = field(default=None, compare=False)
+    """Assessment by the simulator, which need not be made again; None if it made none."""
 
     def __post_init__(self) -> None:
         if not isinstance(self.trouble, Trouble | None):

@@ -13,6 +13,7 @@ import numpy as np
 
 from frenetic._support.arrays import FloatArray
 from frenetic._support.compiled import njit
+from frenetic._support.trigonometry import cosine, hypotenuse, sine
 from frenetic.road.geometry import CURVATURE, frame_at, widening_at
 
 SECTION = 0.5
@@ -66,7 +67,7 @@ def _area(polygon: FloatArray, n: int) -> float:
     return 0.5 * abs(total)
 
 
-@njit()
+@njit(error_model="numpy")
 def _sharpest_curvature(table: FloatArray, ds: float, start: float, end: float) -> float:
     """Return the largest absolute curvature of a road between two distances in m, in 1/m."""
     last = len(table) - 1
@@ -87,7 +88,7 @@ def _box_corners(
 
     Relative coordinates lose no digits far from the origin.
     """
-    c, n = math.cos(heading), math.sin(heading)
+    c, n = cosine(heading), sine(heading)
     cx, cy = x + centre_ahead * c, y + centre_ahead * n
     box = np.empty((4, 2))
     for i in range(4):
@@ -98,7 +99,7 @@ def _box_corners(
     return box
 
 
-@njit()
+@njit(error_model="numpy")
 def share_outside(
     table: FloatArray,
     ds: float,
@@ -131,13 +132,13 @@ def share_outside(
         least: the kernel may return 0 for a share below ``least``, to save time.
     """
     half_length, half_width = 0.5 * length, 0.5 * width
-    radius = math.hypot(half_length, half_width) + abs(centre_ahead)
+    radius = hypotenuse(half_length, half_width) + abs(centre_ahead)
     sharpest = _sharpest_curvature(table, ds, s - 2.0 * radius, s + 2.0 * radius)
     # Most boxes are well inside. Bound how far the box reaches to a side, including how far the
     # road bends away under the box.
     error = heading - road_heading
     reach_ahead = half_length + abs(centre_ahead)
-    sideways = reach_ahead * abs(math.sin(error)) + half_width * abs(math.cos(error))
+    sideways = reach_ahead * abs(sine(error)) + half_width * abs(cosine(error))
     stretch = 1.0 - sharpest * (abs(d) + radius)
     if stretch > _MIN_STRETCH:
         bend = 0.5 * sharpest * radius * radius / stretch
@@ -157,10 +158,10 @@ def share_outside(
     second = np.empty((_MOST_CORNERS, 2))
     lx0 = ly0 = rx0 = ry0 = 0.0
     for k in range(sections + 1):
-        px, py, cosine, sine, _ = frame_at(table, ds, s - along + k * SECTION)
-        lx1, ly1 = px - left * sine - x, py + left * cosine - y
+        px, py, c, n, _ = frame_at(table, ds, s - along + k * SECTION)
+        lx1, ly1 = px - left * n - x, py + left * c - y
         edge = right - widening_at(table, ds, s - along + k * SECTION)
-        rx1, ry1 = px - edge * sine - x, py + edge * cosine - y
+        rx1, ry1 = px - edge * n - x, py + edge * c - y
         if k > 0:
             # The quadrilateral right0, right1, left1, left0 is counter-clockwise, so its inside is
             # left of each edge.

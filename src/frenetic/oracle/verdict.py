@@ -17,7 +17,8 @@ from frenetic._support.bounds import Finite, NotNegative, Share
 from frenetic._support.words import rounded_seconds
 from frenetic.criteria.criterion import DRIVER, LANE, CriteriaSet, signal_named
 from frenetic.errors import Fault, FreneticError, Trouble
-from frenetic.oracle.assessment import LEFT_LANE, REACHED, STUCK, TIMED_OUT, Assessment, assess
+from frenetic.oracle.assessment import LEFT_LANE, REACHED, STUCK, TIMED_OUT, assess
+from frenetic.oracle.drive_assessment import Assessment
 from frenetic.oracle.outcome import Outcome
 from frenetic.oracle.signals import LocatedDrive, measure
 
@@ -132,7 +133,7 @@ def judge(road: Road, drive: Drive) -> Result:
     """
     if (result := _unusable_record(drive)) is not None:
         return result
-    assessment = assess(road, drive)
+    assessment = assess(road, drive, has_all_shares=False)
     duration = float(drive.trajectory.time[len(assessment.distance) - 1])
     end = _drive_end(road, drive, assessment)
     if end is None:

@@ -11,8 +11,9 @@ from frenetic._support.arrays import FloatArray
 from frenetic._support.words import capitalised
 from frenetic.campaign.record import Test
 from frenetic.criteria.criterion import DRIVER, signal_named
-from frenetic.oracle.assessment import Assessment, assess
+from frenetic.oracle.assessment import assess
 from frenetic.oracle.drive import Drive, Trajectory
+from frenetic.oracle.drive_assessment import Assessment
 from frenetic.oracle.outcome import Outcome
 from frenetic.oracle.verdict import Result, judge
 from frenetic.report.style import OUTCOME_COLOURS

@@ -26,6 +26,7 @@ import numpy as np
 
 from frenetic._support.arrays import FloatArray
 from frenetic._support.compiled import njit
+from frenetic._support.trigonometry import cosine, hypotenuse, sine
 
 X, Y, HEADING, CURVATURE, COS, SIN, WIDENING = range(7)
 """Columns of a table; only the table of a road that widens has the last."""
@@ -37,10 +38,20 @@ SUB_TURN = 0.5
 _MIN_REACH = 2.0
 """Distance along the road within which every point is projected, in m; our choice."""
 
-# Nodes and weights of the Gauss-Legendre rule with five points on [0, 1]. On a sub-step, which
-# turns by SUB_TURN at most, its error is below 1e-11 m.
-_NODES, _WEIGHTS = np.polynomial.legendre.leggauss(5)
-GAUSS = tuple(map(tuple, np.column_stack([0.5 * (_NODES + 1.0), 0.5 * _WEIGHTS]).tolist()))
+
+def _gauss_rule(points: int) -> tuple[tuple[float, float], ...]:
+    """Return nodes and weights of a Gauss-Legendre rule on [0, 1]."""
+    nodes, weights = np.polynomial.legendre.leggauss(points)
+    return tuple(zip((0.5 * (nodes + 1.0)).tolist(), (0.5 * weights).tolist(), strict=True))
+
+
+GAUSS = _gauss_rule(5)
+"""Nodes and weights for a sub-step: the error is below 1e-11 m, since it turns by SUB_TURN at most.
+"""
+_GAUSS_SMALL_TURN = _gauss_rule(3)
+"""Nodes and weights for a sub-step that turns by `_SMALL_TURN` at most: as exact."""
+_SMALL_TURN = 0.1
+"""Largest small turn, in rad; our choice: the sub-steps of ordinary roads turn by less."""
 
 
 @njit()
@@ -58,23 +69,24 @@ def chord(heading: float, curvature: float, rate: float, u: float) -> tuple[floa
     for node, weight in GAUSS:
         t = u * node
         angle = heading + t * (curvature + 0.5 * rate * t)
-        dx += weight * math.cos(angle)
-        dy += weight * math.sin(angle)
+        dx += weight * cosine(angle)
+        dy += weight * sine(angle)
     return u * dx, u * dy
 
 
-@njit()
+@njit(error_model="numpy", force_inline=True)
 def _turn(angle: float) -> tuple[float, float]:
     """Return cosine and sine of an angle of at most SUB_TURN, to 1e-11, by Taylor polynomials."""
     q = angle * angle
-    cosine = 1.0 - q / 2.0 * (
-        1.0 - q / 12.0 * (1.0 - q / 30.0 * (1.0 - q / 56.0 * (1.0 - q / 90.0)))
+    c = 1.0 + q * (
+        -1.0 / 2.0
+        + q * (1.0 / 24.0 + q * (-1.0 / 720.0 + q * (1.0 / 40320.0 + q * (-1.0 / 3628800.0))))
     )
-    sine = angle * (1.0 - q / 6.0 * (1.0 - q / 20.0 * (1.0 - q / 42.0 * (1.0 - q / 72.0))))
-    return cosine, sine
+    n = 1.0 + q * (-1.0 / 6.0 + q * (1.0 / 120.0 + q * (-1.0 / 5040.0 + q * (1.0 / 362880.0))))
+    return c, angle * n
 
 
-@njit()
+@njit(error_model="numpy")
 def _sub_chord(curvature: float, rate: float, u: float) -> tuple[float, float]:
     """Return the displacement (ahead, left) after ``u`` m of a clothoid, in the frame of its start.
 
@@ -82,11 +94,19 @@ def _sub_chord(curvature: float, rate: float, u: float) -> tuple[float, float]:
     """
     ahead = 0.0
     left = 0.0
+    if abs(u) * (abs(curvature) + abs(0.5 * rate * u)) <= _SMALL_TURN:
+        for node, weight in _GAUSS_SMALL_TURN:
+            t = u * node
+            angle = t * (curvature + 0.5 * rate * t)
+            q = angle * angle
+            ahead += weight * (1.0 + q * (-1.0 / 2.0 + q * (1.0 / 24.0 - q * (1.0 / 720.0))))
+            left += weight * (angle * (1.0 + q * (-1.0 / 6.0 + q * (1.0 / 120.0))))
+        return u * ahead, u * left
     for node, weight in GAUSS:
         t = u * node
-        cosine, sine = _turn(t * (curvature + 0.5 * rate * t))
-        ahead += weight * cosine
-        left += weight * sine
+        c, n = _turn(t * (curvature + 0.5 * rate * t))
+        ahead += weight * c
+        left += weight * n
     return u * ahead, u * left
 
 
@@ -126,8 +146,8 @@ def build_table(
             table[row, Y] = y
             table[row, HEADING] = theta
             table[row, CURVATURE] = kappa
-            table[row, COS] = math.cos(theta)
-            table[row, SIN] = math.sin(theta)
+            table[row, COS] = cosine(theta)
+            table[row, SIN] = sine(theta)
             ahead, left = _sub_chord(kappa, rate, ds)
             x += ahead * table[row, COS] - left * table[row, SIN]
             y += ahead * table[row, SIN] + left * table[row, COS]
@@ -137,12 +157,12 @@ def build_table(
     table[last, Y] = y
     table[last, HEADING] = heading
     table[last, CURVATURE] = curvatures[pieces]
-    table[last, COS] = math.cos(heading)
-    table[last, SIN] = math.sin(heading)
+    table[last, COS] = cosine(heading)
+    table[last, SIN] = sine(heading)
     return table
 
 
-@njit()
+@njit(error_model="numpy")
 def widening_at(table: FloatArray, ds: float, s: float) -> float:
     """Return the additional width of a lane at ``s``, in m."""
     if table.shape[1] <= WIDENING:
@@ -154,7 +174,7 @@ def widening_at(table: FloatArray, ds: float, s: float) -> float:
     return wider
 
 
-@njit()
+@njit(error_model="numpy", force_inline=True)
 def heading_at(table: FloatArray, ds: float, s: float) -> float:
     """Return the heading of the centre line at ``s``, in rad; beyond both ends it is straight."""
     last = len(table) - 1
@@ -165,7 +185,7 @@ def heading_at(table: FloatArray, ds: float, s: float) -> float:
     return heading
 
 
-@njit()
+@njit(error_model="numpy")
 def frame_at(table: FloatArray, ds: float, s: float) -> tuple[float, float, float, float, float]:
     """Return x, y, cosine and sine of the heading, and the curvature of the centre line at ``s``.
 
@@ -185,17 +205,17 @@ def frame_at(table: FloatArray, ds: float, s: float) -> tuple[float, float, floa
     rate = (table[i + 1, CURVATURE] - table[i, CURVATURE]) / ds
     ahead, left = _sub_chord(table[i, CURVATURE], rate, u)
     c, n = table[i, COS], table[i, SIN]
-    cosine, sine = _turn(u * (table[i, CURVATURE] + 0.5 * rate * u))
+    turned_c, turned_n = _turn(u * (table[i, CURVATURE] + 0.5 * rate * u))
     return (
         table[i, X] + ahead * c - left * n,
         table[i, Y] + ahead * n + left * c,
-        c * cosine - n * sine,
-        n * cosine + c * sine,
+        c * turned_c - n * turned_n,
+        n * turned_c + c * turned_n,
         table[i, CURVATURE] + rate * u,
     )
 
 
-@njit()
+@njit(error_model="numpy", force_inline=True)
 def _refine(
     table: FloatArray, ds: float, px: float, py: float, low: int, high: int
 ) -> tuple[float, float]:
@@ -207,7 +227,8 @@ def _refine(
     best = low
     best_square = math.inf
     for i in range(low, high + 1):
-        square = (px - table[i, X]) ** 2 + (py - table[i, Y]) ** 2
+        dx, dy = px - table[i, X], py - table[i, Y]
+        square = dx * dx + dy * dy
         if square < best_square:
             best_square = square
             best = i
@@ -225,26 +246,26 @@ def _refine(
         offset = (py - y) * c - (px - x) * n
         # d(along)/ds = -(1 - kappa * offset); kept away from 0 where the point is near the centre
         # of the osculating circle, so that the iteration stays a descent.
-        target = min(max(s + along / max(1.0 - kappa * offset, 0.1), least), most)
-        move = abs(target - s)
+        move = min(max(s + along / max(1.0 - kappa * offset, 0.1), least), most) - s
         # A move below a nanometre is rounding; it must not put a car before the road's start.
-        if move > 1e-9:
-            s = target
-        # After a Newton step, the error of s is of the order of the step squared, and the error of
-        # the offset is of the order of the error of s squared.
-        if move < 1e-6:
+        if abs(move) > 1e-9:
+            s += move
+        # After a Newton step, the error of s is of the order of the step squared times the change
+        # of curvature. The offset from the osculating circle has an error of the third order.
+        if abs(move) < 1e-4:
+            offset -= 0.5 * kappa * along * move
             break
         x, y, c, n, kappa = frame_at(table, ds, s)
     return s, offset
 
 
-@njit()
+@njit(error_model="numpy", force_inline=True)
 def project_global(table: FloatArray, ds: float, px: float, py: float) -> tuple[float, float]:
     """Return (s, d) of the centre line's point nearest to (px, py), on the whole road."""
     return project_near(table, ds, px, py, 0.0, (len(table) - 1) * ds)
 
 
-@njit()
+@njit(error_model="numpy", force_inline=True)
 def project_near(
     table: FloatArray, ds: float, px: float, py: float, s: float, reach: float
 ) -> tuple[float, float]:
@@ -277,7 +298,7 @@ def track(table: FloatArray, ds: float, xy: FloatArray) -> FloatArray:
         if i == 0:
             s, d = project_global(table, ds, xy[0, 0], xy[0, 1])
         else:
-            moved = math.hypot(xy[i, 0] - xy[i - 1, 0], xy[i, 1] - xy[i - 1, 1])
+            moved = hypotenuse(xy[i, 0] - xy[i - 1, 0], xy[i, 1] - xy[i - 1, 1])
             s, d = project_near(table, ds, xy[i, 0], xy[i, 1], s, reach_of(moved))
         out[i, 0] = s
         out[i, 1] = d
@@ -299,7 +320,7 @@ def offsets_near(table: FloatArray, ds: float, xy: FloatArray, distances: FloatA
     return out
 
 
-@njit()
+@njit(error_model="numpy", force_inline=True)
 def reach_of(moved: float) -> float:
     """Return how far along the road to search for a car that has moved ``moved`` m, in m.
 
@@ -317,7 +338,7 @@ def sample_line(table: FloatArray, ds: float, distances: FloatArray, offset: flo
     """
     out = np.empty((len(distances), 2))
     for i in range(len(distances)):
-        x, y, cosine, sine, _ = frame_at(table, ds, distances[i])
-        out[i, 0] = x - offset * sine
-        out[i, 1] = y + offset * cosine
+        x, y, c, n, _ = frame_at(table, ds, distances[i])
+        out[i, 0] = x - offset * n
+        out[i, 1] = y + offset * c
     return out

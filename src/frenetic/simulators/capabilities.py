@@ -6,7 +6,7 @@ capability has its default. Only this module reads the declarations.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, fields
 from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any, Final
@@ -16,6 +16,7 @@ from frenetic.conditions.condition import Condition, attributes
 from frenetic.drivers.driver import Driver, SelectiveDriver
 from frenetic.drivers.stack import camera_of, period_of, stack_of
 from frenetic.errors import DriverError, FreneticError, RoadError
+from frenetic.oracle.drive import Drive
 from frenetic.road import Road
 from frenetic.simulators.checks import SimulatorCheck
 from frenetic.simulators.simulator import Simulator
@@ -88,6 +89,11 @@ class Capabilities(SimulatorDefaults):
     drives_compiled: Callable[[Driver], bool] = lambda _: False
     """Whether a driver's drives run compiled code of Frenetic alone, and so need no separate
     process."""
+    compiled_drive: Callable[[Road, Driver], Any] | None = None
+    """Returns a drive in the present conditions, which `drive_compiled` drives; None if the
+    simulator drives one road at a time."""
+    drive_compiled: Callable[..., Sequence[Drive]] | None = None
+    """Drives many drives of `compiled_drive` side by side, on ``threads`` threads."""
     period_step: Positive | None = None
     """Time of which a driver's period is a multiple, in s; None if all drivers have the
     simulator's period."""

@@ -16,36 +16,38 @@ import numpy as np
 
 from frenetic._support.arrays import FloatArray
 from frenetic._support.compiled import njit
+from frenetic._support.trigonometry import cosine, hypotenuse, sine, wrapped
 from frenetic.drivers.driver import AHEAD_POINTS, AHEAD_SPACING, Observation
 from frenetic.oracle.assessment import RUNNING, assess_record, rules_array
 from frenetic.oracle.drive import CarBody, Rules
 from frenetic.road import Road
-from frenetic.road.geometry import heading_at, project_near, reach_of
+from frenetic.road.geometry import (
+    COS,
+    CURVATURE,
+    SIN,
+    X,
+    Y,
+    heading_at,
+    project_near,
+    reach_of,
+)
 
 if TYPE_CHECKING:
     from frenetic.drivers.camera import Image
 
 
-@njit()
-def wrap(angle: float) -> float:
-    """Return the angle without whole turns: in rad, -pi to pi."""
-    return angle - 2.0 * math.pi * math.floor((angle + math.pi) / (2.0 * math.pi))
-
-
-@njit()
+@njit(error_model="numpy", force_inline=True)
 def look_ahead(
     table: FloatArray,
     ds: float,
     lane_width: float,
-    x: float,
-    y: float,
-    heading: float,
+    pose: tuple[float, float, float],
     s: float,
-    rows: int,
+    first: int,
+    stop: int,
     ahead: FloatArray,
-    curvature_ahead: FloatArray,
 ) -> None:
-    """Write points of the ego lane's centre ahead of a car into two arrays.
+    """Write points of the ego lane's centre ahead of a car into an array.
 
     Between two rows of the table the centre line is taken for the arc of the nearest row, which is
     exact to a millimetre.
@@ -53,39 +55,67 @@ def look_ahead(
     Args:
         table, ds: The road, see `frenetic.road.geometry`.
         lane_width: Width of the ego lane, in m.
-        x, y, heading: Pose of the car, in m and rad.
-        s: Distance of the car along the road, in m; the first point is there.
-        rows: Number of points, `AHEAD_SPACING` apart on the centre line.
-        ahead: (rows, 2) points in m, ahead and to the left of the car.
-        curvature_ahead: (rows,) curvature of the ego lane at the points, in 1/m.
+        pose: x, y and heading of the car, in m, m and rad.
+        s: Distance of the car along the road, in m.
+        first, stop: Points to write: from number ``first`` up to, but without, ``stop``. Number 0
+            is at the car, and the points are `AHEAD_SPACING` apart on the centre line.
+        ahead: (n, 2) points in m, ahead and to the left of the car.
     """
     last = len(table) - 1
     length = last * ds
     offset = -0.5 * lane_width
-    c, n = math.cos(heading), math.sin(heading)
-    for i in range(rows):
+    x, y, heading = pose
+    c, n = cosine(heading), sine(heading)
+    for i in range(first, stop):
         at = s + i * AHEAD_SPACING
-        on_road = 0.0 <= at <= length
         if at < 0.0:
-            j, kappa = 0, 0.0
+            j, bend = 0, 0.0
         elif at > length:
-            j, kappa = last, 0.0
+            j, bend = last, 0.0
         else:
             j = int(at / ds + 0.5)
-            k = min(int(at / ds), last - 1)
-            t = at / ds - k
-            kappa = table[k, 3] + t * (table[k + 1, 3] - table[k, 3])
+            bend = table[j, CURVATURE]
         u = at - j * ds
-        bend = table[j, 3] if on_road else 0.0
-        cosine, sine = table[j, 4], table[j, 5]
+        along_x, along_y = table[j, COS], table[j, SIN]
         across = 0.5 * bend * u * u
         turned = bend * u
-        px = table[j, 0] + u * cosine - across * sine - offset * (sine + turned * cosine)
-        py = table[j, 1] + u * sine + across * cosine + offset * (cosine - turned * sine)
+        px = table[j, X] + u * along_x - across * along_y - offset * (along_y + turned * along_x)
+        py = table[j, Y] + u * along_y + across * along_x + offset * (along_x - turned * along_y)
         px -= x
         py -= y
         ahead[i, 0] = c * px + n * py
         ahead[i, 1] = c * py - n * px
+
+
+@njit(error_model="numpy", force_inline=True)
+def write_curvatures_ahead(
+    table: FloatArray,
+    ds: float,
+    lane_width: float,
+    s: float,
+    rows: int,
+    curvature_ahead: FloatArray,
+) -> None:
+    """Write the curvature of the ego lane at the points ahead into an array.
+
+    Args:
+        table, ds, lane_width, s: See `look_ahead`.
+        rows: Number of points.
+        curvature_ahead: (n,) in 1/m.
+    """
+    last = len(table) - 1
+    offset = -0.5 * lane_width
+    start, spacing = s / ds, AHEAD_SPACING / ds  # in rows of the table
+    # The points before number `stop` are on the road, unless the car is before the road's start.
+    stop = min(max(int((last - start) / spacing) + 1, 0), rows)
+    for i in range(stop):
+        at = start + i * spacing
+        k = min(max(int(at), 0), last - 1)
+        kappa = table[k, CURVATURE]
+        curvature_ahead[i] = kappa + (at - k) * (table[k + 1, CURVATURE] - kappa)
+    for i in range(rows):
+        is_on_road = i < stop and start + i * spacing >= 0.0
+        kappa = curvature_ahead[i] if is_on_road else 0.0
         # A parallel of an arc is an arc about the same centre.
         curvature_ahead[i] = kappa / max(1.0 - offset * kappa, 0.05)
 
@@ -99,7 +129,6 @@ def observe(
     car: FloatArray,
     records: FloatArray,
     i: int,
-    heading: float,
     s: float,
     least: float,
     ahead: FloatArray,
@@ -108,22 +137,23 @@ def observe(
     """Return how the drive stands at record ``i``, and write the lane ahead into two arrays.
 
     Args:
-        table, ds, lane_width, rules, car, heading, s, least: see
+        table, ds, lane_width, rules, car, records, i, s, least: see
             `frenetic.oracle.assessment.assess_record`.
-        records: (3, n) times, xs and ys of the records; more rows do not matter.
-        i: Number of the record.
-        ahead, curvature_ahead: see `look_ahead`.
+        ahead: (n, 2), see `look_ahead`.
+        curvature_ahead: (n,), see `write_curvatures_ahead`.
 
     Returns:
         RUNNING or how the drive ended, distance along the road in m, offset to the left of the ego
         lane's centre in m, heading error in rad, and oob share 0..1.
     """
     end, s, d, road_heading, share = assess_record(
-        table, ds, lane_width, rules, car, records[0], records[1], records[2], heading, i, s, least
+        table, ds, lane_width, rules, car, records, i, s, least
     )
-    x, y, rows = records[1, i], records[2, i], len(ahead)
-    look_ahead(table, ds, lane_width, x, y, heading, s, rows, ahead, curvature_ahead)
-    return end, s, d + 0.5 * lane_width, wrap(heading - road_heading), share
+    heading, rows = records[i, 3], len(ahead)
+    pose = records[i, 1], records[i, 2], heading
+    look_ahead(table, ds, lane_width, pose, s, 0, rows, ahead)
+    write_curvatures_ahead(table, ds, lane_width, s, rows, curvature_ahead)
+    return end, s, d + 0.5 * lane_width, wrapped(heading - road_heading), share
 
 
 @njit()
@@ -136,7 +166,7 @@ def limit_at(limits: FloatArray, s: float) -> float:
     return limit
 
 
-@njit()
+@njit(error_model="numpy", force_inline=True)
 def write_limits_ahead(limits: FloatArray, s: float, rows: int, limit_ahead: FloatArray) -> None:
     """Write the lowest limit between each point ahead and the next one into ``limit_ahead``.
 
@@ -228,7 +258,7 @@ class Observer:
         self._rules = rules_array(rules, road.length)
         self._car = car.to_array()
         self._tolerance = rules.oob_tolerance
-        self._records = np.empty((3, records))  # time, x and y
+        self._records = np.empty((records, 4))  # time, x, y and heading
         self._count = 0  # of the records so far
         self._s = 0.0  # at the last record
         self._now = (0.0,) * 7  # time, x, y, heading, s, lateral offset, heading error
@@ -239,14 +269,13 @@ class Observer:
         """Take in a record (s, m, m, rad); return whether the drive continues."""
         self._ahead, self._curvature_ahead = np.empty((AHEAD_POINTS, 2)), np.empty(AHEAD_POINTS)
         records, i = self._records, self._count
-        records[0, i], records[1, i], records[2, i] = time, x, y
+        records[i] = time, x, y, heading
         end, self._s, offset, heading_error, _ = observe(
             *self._line,
             self._rules,
             self._car,
             records,
             i,
-            heading,
             self._s,
             self._tolerance,
             self._ahead,
@@ -259,14 +288,15 @@ class Observer:
     def glance(self, time: float, x: float, y: float, heading: float) -> None:
         """Take in a pose (s, m, m, rad) between two records, which ends no drive."""
         table, ds, lane_width = self._line
-        _, before_x, before_y = (float(value) for value in self._records[:, self._count - 1])
-        reach = reach_of(math.hypot(x - before_x, y - before_y))
+        before_x, before_y = self._records[self._count - 1, 1:3].tolist()
+        reach = reach_of(hypotenuse(x - before_x, y - before_y))
         s, d = project_near(table, ds, float(x), float(y), self._s, reach)
-        error = wrap(heading - heading_at(table, ds, s))
+        error = wrapped(heading - heading_at(table, ds, s))
         self._now = time, x, y, heading, s, d + 0.5 * lane_width, error
         self._ahead, self._curvature_ahead = np.empty((AHEAD_POINTS, 2)), np.empty(AHEAD_POINTS)
-        views = self._ahead, self._curvature_ahead
-        look_ahead(*self._line, float(x), float(y), float(heading), s, AHEAD_POINTS, *views)
+        pose = float(x), float(y), float(heading)
+        look_ahead(*self._line, pose, s, 0, AHEAD_POINTS, self._ahead)
+        write_curvatures_ahead(*self._line, s, AHEAD_POINTS, self._curvature_ahead)
 
     def observation(
         self,

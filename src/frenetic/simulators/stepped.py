@@ -6,13 +6,13 @@ import math
 from typing import ClassVar, NamedTuple
 
 from frenetic._support.bounds import Positive, check
+from frenetic._support.trigonometry import wrapped
 from frenetic.drivers.driver import Driver, DriveSetup
 from frenetic.oracle.drive import CarBody, Drive, Rules
 from frenetic.road import Pose, Road
 from frenetic.simulators.capabilities import check_road
 from frenetic.simulators.drive_loop import RECORD_PERIOD, run_drive
 from frenetic.simulators.embedded.rollout import start_state
-from frenetic.simulators.observer import wrap
 from frenetic.simulators.simulator import Ready, StartingPlace
 
 
@@ -193,7 +193,7 @@ class _SteppedCar:
         motion = Motion(*map(float, motion))
         if not all(map(math.isfinite, motion)):
             raise ArithmeticError(f"the physics broke: the car's motion is {tuple(motion)}")
-        self._heading += wrap(motion.heading - self._heading)
+        self._heading += wrapped(motion.heading - self._heading)
         self._motion = motion._replace(heading=self._heading)
 
     def motion(self) -> Motion:

@@ -10,6 +10,7 @@ import numpy.typing as npt
 import pytest
 
 from frenetic._support.arrays import FloatArray
+from frenetic._support.trigonometry import wrapped
 from frenetic.drivers import Driver, DriveSetup, Observation, Stanley
 from frenetic.drivers.driver import AHEAD_POINTS, AHEAD_SPACING
 from frenetic.oracle.assessment import LEFT_LANE, REACHED, RUNNING, STUCK, TIMED_OUT, assess
@@ -19,7 +20,7 @@ from frenetic.oracle.verdict import judge
 from frenetic.processes.wall_limit import WallLimitExceeded, wall_limit
 from frenetic.road import Pose, Road
 from frenetic.simulators.capabilities import capabilities
-from frenetic.simulators.observer import Observer, wrap
+from frenetic.simulators.observer import Observer
 from frenetic.simulators.simulator import Simulator
 from frenetic.testing.dummies import DummyDriver
 from frenetic.testing.watch import ERROR_TEXT, Watch, breaking, circling, weaving
@@ -141,7 +142,7 @@ class SimulatorContract:
         assert abs(along) < 0.5, f"the car starts {along:.2f} m along the road"
         left = lateral + 0.5 * road.lane_width
         assert abs(left) < 0.1, f"the car starts {left:.2f} m left of the ego lane's centre"
-        turned = wrap(start.heading[0] - road.pose.heading)
+        turned = wrapped(start.heading[0] - road.pose.heading)
         assert abs(turned) < 0.05, f"the car starts turned by {turned:.2f} rad to the left"
         assert abs(start.speed[0] - self.start_speed) < 0.2, (
             f"the car starts at {start.speed[0]:.1f} m/s instead of {self.start_speed:g}"

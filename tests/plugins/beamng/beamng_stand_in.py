@@ -181,7 +181,9 @@ class World:
         if at_rest and car.brake > 0.1 and car.parking == 0.0 and car.throttle == 0.0:
             self.was_reversing = True
         angle = -car.steering * self.vehicle.steering_limit
-        advance(car.state, angle, car.throttle, brake, parameters, STEP)
+        inputs = np.array([[angle, car.throttle, brake]])
+        only_car = np.zeros(1, np.int64)
+        advance(car.state[np.newaxis], inputs, parameters[np.newaxis], only_car, STEP, 1)
 
     def _let_ai_decide(self, car: Car) -> None:
         """Steer for a point of the lane, at least 6 m ahead, at 10 m/s or the limit."""

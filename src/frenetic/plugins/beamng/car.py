@@ -6,13 +6,14 @@ import math
 from dataclasses import dataclass
 from typing import Final
 
+from frenetic._support.trigonometry import wrapped
 from frenetic.drivers.camera import Image
 from frenetic.plugins.beamng.link import STEPS_PER_SECOND, Link
 from frenetic.plugins.beamng.package import BeamngError
 from frenetic.road import Road
 from frenetic.road.geometry import project_near, reach_of
 from frenetic.simulators.drive_loop import RECORD_PERIOD
-from frenetic.simulators.observer import LimitsAhead, wrap
+from frenetic.simulators.observer import LimitsAhead
 
 WHEELBASE_PER_LENGTH: Final = 0.6
 """Distance between the axles as a share of the length: our choice, since BeamNG.tech does not
@@ -95,7 +96,7 @@ class BeamngCar:
         if self._clock is None:
             self._clock = 0, state.time
         else:
-            turned = wrap(heading - self._heading)
+            turned = wrapped(heading - self._heading)
             heading, yaw_rate = self._heading + turned, turned / RECORD_PERIOD
         periods, start_time = self._clock
         self._check_clock(state.time - start_time, periods * RECORD_PERIOD)

@@ -13,6 +13,7 @@ import numpy as np
 from msgspec import Meta
 
 from frenetic._support.bounds import Count, Finite, Positive, Text, check
+from frenetic._support.trigonometry import wrapped
 from frenetic.drivers import BeamngAi, Driver, DriveSetup
 from frenetic.drivers.stack import camera_of, check_other_world, unwrapped
 from frenetic.errors import DriverError, Trouble
@@ -26,7 +27,7 @@ from frenetic.road import Pose, Road
 from frenetic.simulators.capabilities import check_road
 from frenetic.simulators.checks import SimulatorCheck, drive_checks
 from frenetic.simulators.drive_loop import RECORD_PERIOD, run_drive
-from frenetic.simulators.observer import LimitsAhead, wrap
+from frenetic.simulators.observer import LimitsAhead
 
 WALL_LIMIT: Final = 600.0
 """Default of the wall time that a drive may take, in s; our choice."""
@@ -430,7 +431,7 @@ class BeamngSimulator:
             self.link.control(_MEASURED_INPUT, _MEASURING_THROTTLE, brake=0.0)
             self.link.step(RECORD_PERIOD)
             now = self.link.state()
-            turned += wrap(now.heading - before.heading)
+            turned += wrapped(now.heading - before.heading)
             driven += math.dist(now.point(car.ahead, car.left), before.point(car.ahead, car.left))
             before = now
         # A car without slip turns by tan(angle) / wheelbase per metre; 0.1 m if it hardly moved.

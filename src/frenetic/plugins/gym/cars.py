@@ -16,7 +16,7 @@ import numpy as np
 import numpy.typing as npt
 from gymnasium.spaces import Box, Dict, Space
 
-from frenetic._support.arrays import FloatArray
+from frenetic._support.arrays import FloatArray, IntArray
 from frenetic._support.compiled import njit
 from frenetic.drivers import Camera
 from frenetic.drivers.driver import AHEAD_POINTS
@@ -32,11 +32,21 @@ from frenetic.simulators import Drive, EmbeddedSimulator, Trajectory
 from frenetic.simulators.capabilities import check_drawn
 from frenetic.simulators.embedded.rollout import (
     PERIOD,
-    advance_period,
+    STEPS_PER_PERIOD,
+    ground_under,
     start_state,
     write_record,
 )
-from frenetic.simulators.embedded.single_track import HEADING, SPEED, STATE_SIZE, STEERING, YAW_RATE
+from frenetic.simulators.embedded.rollout import STEP as INTEGRATION_STEP
+from frenetic.simulators.embedded.single_track import (
+    INPUT_SIZE,
+    MOST_CARS,
+    SPEED,
+    STATE_SIZE,
+    STEERING,
+    YAW_RATE,
+    advance,
+)
 from frenetic.simulators.observer import in_metres_per_second, limit_at, observe
 
 CarObservation: TypeAlias = npt.NDArray[np.float32] | dict[str, npt.NDArray[Any]]
@@ -58,12 +68,50 @@ _SETUP_NUMBERS: Final = 9
 
 
 @njit()
+def _move(
+    cars: IntArray,
+    tables: FloatArray,
+    slopes: FloatArray,
+    rows: IntArray,
+    roads: FloatArray,
+    vehicle: FloatArray,
+    states: FloatArray,
+    inputs: FloatArray,
+    places: FloatArray,
+) -> None:
+    """Move the cars with these numbers for a period, side by side.
+
+    Args:
+        cars: numbers of the cars.
+        inputs: (n, 3) controls of the cars, see `advance`.
+        tables, slopes, rows, roads, vehicle, states, places: see `step_cars`.
+    """
+    grounds = np.empty((len(states), len(vehicle)))
+    for k in cars:
+        grounds[k] = vehicle
+        if rows[k, 1]:
+            grounds[k], _ = ground_under(
+                vehicle,
+                tables[k][: rows[k, 0]],
+                roads[k, 0],
+                slopes[k][: rows[k, 1]],
+                None,
+                states[k],
+                places[k, 0],
+                PERIOD,
+            )
+    for first in range(0, len(cars), MOST_CARS):
+        group = cars[first : first + MOST_CARS]
+        advance(states, inputs, grounds, group, INTEGRATION_STEP, STEPS_PER_PERIOD)
+
+
+@njit()
 def step_cars(
-    tasks: npt.NDArray[np.int64],
+    tasks: IntArray,
     actions: FloatArray,
     tables: FloatArray,
     slopes: FloatArray,
-    rows: npt.NDArray[np.int64],
+    rows: IntArray,
     roads: FloatArray,
     rules: FloatArray,
     setups: FloatArray,
@@ -73,8 +121,8 @@ def step_cars(
     start: FloatArray,
     states: FloatArray,
     records: FloatArray,
-    steps: npt.NDArray[np.int64],
-    ends: npt.NDArray[np.int64],
+    steps: IntArray,
+    ends: IntArray,
     places: FloatArray,
     rewards: FloatArray,
     vectors: npt.NDArray[np.float32],
@@ -96,7 +144,7 @@ def step_cars(
         car, vehicle: see `rollout`.
         start: (2,) offset in m and angle in rad of the start, see `start_state`.
         states: (n, 7) states of the cars.
-        records: (n, 11, r) columns of the trajectories, which are filled.
+        records: (n, r, 11) records of the trajectories, which are filled.
         steps: (n,) numbers of control periods driven.
         ends: (n,) RUNNING, or how the drive ended.
         places: (n, 2) distance along the road and least oob distance so far, in m.
@@ -105,40 +153,39 @@ def step_cars(
     """
     ahead = np.empty((AHEAD_POINTS, 2))
     curvature_ahead = np.empty(AHEAD_POINTS)
-    weather = np.empty(0)  # none
+    inputs = np.zeros((len(tasks), INPUT_SIZE))
+    moving = np.empty(len(tasks), np.int64)
+    count = 0
+    for k in range(len(tasks)):
+        if tasks[k] == START:
+            table = tables[k][: rows[k, 0]]
+            states[k] = start_state(table, roads[k, 1], start[0], start[1])
+            steps[k] = 0
+            places[k, 0] = 0.0
+            places[k, 1] = math.inf
+        elif tasks[k] == STEP:
+            steering, throttle, brake = controls_of(actions[k, 0], actions[k, 1], setups[k])
+            inputs[k, 0], inputs[k, 1], inputs[k, 2] = steering, throttle, brake
+            write_record(records[k], steps[k], states, inputs, k)
+            steps[k] += 1
+            moving[count] = k
+            count += 1
+    _move(moving[:count], tables, slopes, rows, roads, vehicle, states, inputs, places)
     for k in range(len(tasks)):
         if tasks[k] == WAIT:
             continue
         table = tables[k][: rows[k, 0]]
         ds, lane_width = roads[k, 0], roads[k, 1]
-        state = states[k]
-        rows_of = records[k]
-        steering = throttle = brake = 0.0
-        if tasks[k] == START:
-            state[:] = start_state(table, lane_width, start[0], start[1])
-            steps[k] = 0
-            places[k, 0] = 0.0
-            places[k, 1] = math.inf
-        else:
-            steering, throttle, brake = controls_of(actions[k, 0], actions[k, 1], setups[k])
-            write_record(rows_of, steps[k], state, steering, throttle, brake)
-            advance_period(
-                *(state, steering, throttle, brake, vehicle),
-                *(table, ds, slopes[k][: rows[k, 1]], places[k, 0], weather),
-            )
-            steps[k] += 1
-        i = steps[k]
-        write_record(rows_of, i, state, steering, throttle, brake)
-        before = places[k, 0]
+        i, state, before = steps[k], states[k], places[k, 0]
+        write_record(records[k], i, states, inputs, k)
         end, s, offset, heading_error, share = observe(
             table,
             ds,
             lane_width,
             rules[k],
             car,
-            rows_of,
+            records[k],
             i,
-            state[HEADING],
             before,
             0.0,
             ahead,
@@ -212,7 +259,7 @@ class Cars:
         self._setups = np.empty((count, _SETUP_NUMBERS))
         self._limits = np.full((count, 1, 2), np.inf)
         self._states = np.empty((count, STATE_SIZE))
-        self._records = np.empty((count, _COLUMNS, _FIRST_CAPACITY))
+        self._records = np.empty((count, _FIRST_CAPACITY, _COLUMNS))
         self._steps_left = 0  # number of steps for which the records surely have room
         self._places = np.zeros((count, 2))
         self.steps = np.zeros(count, np.int64)
@@ -278,7 +325,7 @@ class Cars:
         x, y, heading = self._states[k, :3].tolist()
         return renderer.draw(x, y, heading)
 
-    def step(self, tasks: npt.NDArray[np.int64], actions: FloatArray) -> None:
+    def step(self, tasks: IntArray, actions: FloatArray) -> None:
         """Let each car wait, start or drive for a period.
 
         Args:
@@ -287,9 +334,9 @@ class Cars:
         """
         if self._steps_left < 1:
             needed = int(self.steps.max()) + 2  # the records so far, and the one of this step
-            if needed > self._records.shape[2]:
-                self._records = _longer(self._records, axis=2, needed=needed)
-            self._steps_left = self._records.shape[2] - needed + 1
+            if needed > self._records.shape[1]:
+                self._records = _longer(self._records, axis=1, needed=needed)
+            self._steps_left = self._records.shape[1] - needed + 1
         self._steps_left -= 1
         step_cars(
             tasks,
@@ -334,8 +381,8 @@ class Cars:
     def drive(self, k: int) -> Drive:
         """Return the drive of car ``k`` so far."""
         count = self.steps[k] + 1 if self._driven_roads[k] is not None else 0
-        columns = self._records[k, :, :count]
-        return Drive(Trajectory(*columns), self.simulator.car, self.simulator.rules)
+        path = Trajectory.from_rows(self._records[k, :count])
+        return Drive(path, self.simulator.car, self.simulator.rules)
 
 
 def checked_actions(actions: npt.ArrayLike, count: int) -> FloatArray:

@@ -10,6 +10,7 @@ from types import TracebackType
 from typing import TYPE_CHECKING, Any, ClassVar, Final, Self
 
 from frenetic._support.bounds import Positive, check
+from frenetic._support.trigonometry import wrapped
 from frenetic._support.words import pip_install
 from frenetic.drivers.camera import Camera, Image
 from frenetic.drivers.driver import Controls, Driver, DriveSetup, Observation
@@ -22,7 +23,7 @@ from frenetic.plugins.metadrive.drivers import PolicySimulator, metadrive_driver
 from frenetic.road import Road
 from frenetic.simulators.capabilities import check_road
 from frenetic.simulators.drive_loop import RECORD_PERIOD, run_drive
-from frenetic.simulators.observer import LimitsAhead, wrap
+from frenetic.simulators.observer import LimitsAhead
 from frenetic.simulators.simulator import StartingPlace, unusual_amounts
 
 if TYPE_CHECKING:
@@ -241,7 +242,7 @@ class _MetaDriveCar:
         motion = self._world.motion()
         if not all(map(math.isfinite, motion)):
             raise ArithmeticError(f"MetaDrive's physics broke: the car's motion is {motion}")
-        self._heading += wrap(motion.heading - self._heading)
+        self._heading += wrapped(motion.heading - self._heading)
         return list(motion._replace(heading=self._heading, steering=self._wheel_angle))
 
     def picture(self) -> Image | None:

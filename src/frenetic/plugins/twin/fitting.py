@@ -133,7 +133,7 @@ class Fitter:
             if twin_drive.trouble is not None:
                 raise UnusableValuesError(f"the driver broke: {twin_drive.trouble.reason}")
             # Only offset and speed are compared, so the oob shares, which take time, are left out.
-            assessment = assess(recorded.road, twin_drive, has_shares=False)
+            assessment = assess(recorded.road, twin_drive, has_all_shares=False)
             states = states_of(twin_drive, assessment)
             residuals.append(_residuals_of(states, recorded))
         return residuals

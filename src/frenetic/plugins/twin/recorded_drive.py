@@ -11,8 +11,8 @@ from typing import Final
 import numpy as np
 
 from frenetic._support.arrays import FloatArray, IntArray
-from frenetic.oracle.assessment import Assessment
 from frenetic.oracle.drive import Drive
+from frenetic.oracle.drive_assessment import Assessment
 from frenetic.road import Road
 
 GRID: Final = 2.0

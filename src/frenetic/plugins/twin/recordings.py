@@ -182,7 +182,7 @@ def _campaign(folder: Path, stated_terms: RecordedTerms | None) -> _Source:
             if not test.outcome.is_driven or drive is None:
                 tests.append(None)
                 continue
-            states = states_of(drive, assess(test.road, drive, has_shares=False))
+            states = states_of(drive, assess(test.road, drive, has_all_shares=False))
             road = replace(test.road, lane_width=terms.lane_width)
             if len(road.speed_limits):
                 road = replace(road, speed_limits=drive.rules.speed_limits_on(road))

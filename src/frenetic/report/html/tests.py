@@ -14,8 +14,8 @@ from frenetic.analysis.segments import Segment, segment_of_test
 from frenetic.campaign.record import Test
 from frenetic.campaign.store import CampaignStore
 from frenetic.criteria.criterion import DRIVER, LANE
-from frenetic.oracle.assessment import Assessment
 from frenetic.oracle.drive import Trajectory
+from frenetic.oracle.drive_assessment import Assessment
 from frenetic.oracle.outcome import Outcome
 from frenetic.oracle.signals import measure
 from frenetic.oracle.verdict import Finding, Result, Side, breach_text

@@ -2,13 +2,20 @@
 
 from __future__ import annotations
 
+from typing import Final
+
+import numpy as np
+
 from frenetic._support.arrays import FloatArray
 from frenetic._support.entry_points import imported, installed
 from frenetic.drivers.camera import RENDERERS, Camera, Image, Renderer, Scene
 from frenetic.errors import DriverError
 from frenetic.road import Road
 from frenetic.simulators.embedded import rollout as kernels
-from frenetic.simulators.embedded.single_track import HEADING, X, Y
+from frenetic.simulators.embedded.single_track import HEADING, INPUT_SIZE, X, Y, advance
+
+_ONLY_CAR: Final = np.zeros(1, np.int64)
+"""Number of the car in its array of states."""
 
 
 class EmbeddedCar:
@@ -17,7 +24,7 @@ class EmbeddedCar:
     Args:
         state: (7,) state at the start, which changes as the car moves.
         parameters: `Vehicle.to_array()`.
-        weather: see `frenetic.simulators.embedded.weather`.
+        weather: see `frenetic.simulators.embedded.weather`; None without.
         road: Road under the car.
         renderer: Renderer of the driver's camera; None without a camera.
     """
@@ -26,41 +33,39 @@ class EmbeddedCar:
         self,
         state: FloatArray,
         parameters: FloatArray,
-        weather: FloatArray,
+        weather: FloatArray | None,
         road: Road,
         renderer: Renderer | None,
     ) -> None:
-        self._state = state
-        self._ground = parameters, road.table, road.sub_step, road.slopes
-        self._weather = weather
+        self._states = state[np.newaxis]
+        slopes = road.slopes if len(road.slopes) else None
+        self._ground = parameters, road.table, road.sub_step, slopes, weather
+        self._is_plain = slopes is None and weather is None
         self._s = 0.0  # distance along the road before the last step, on slopes and in weather
+        self._inputs = np.empty((1, INPUT_SIZE))
+        self._grounds = parameters[np.newaxis].copy()
         self._renderer = renderer
 
     def motion(self) -> list[float]:
         """Return the state, in the order of the columns of a `Trajectory`."""
-        values: list[float] = self._state.tolist()
+        values: list[float] = self._states[0].tolist()
         return values
 
     def picture(self) -> Image | None:
         """Return what the camera sees; None without a camera."""
-        state = self._state
+        state = self._states[0]
         if self._renderer is None:
             return None
         return self._renderer.draw(state[X], state[Y], state[HEADING])
 
     def advance(self, steering: float, throttle: float, brake: float, seconds: float) -> None:
         """Move the car for some seconds, a multiple of the integration step."""
+        if not self._is_plain:
+            ground, self._s = kernels.ground_under(*self._ground, self._states[0], self._s, seconds)
+            self._grounds[0] = ground
+        self._inputs[0] = steering, throttle, brake
         steps = round(seconds / kernels.STEP)
-        self._s = kernels.advance_period(
-            self._state,
-            steering,
-            throttle,
-            brake,
-            *self._ground,
-            self._s,
-            self._weather,
-            steps,
-        )
+        advance(self._states, self._inputs, self._grounds, _ONLY_CAR, kernels.STEP, steps)
 
 
 def new_renderer(road: Road, camera: Camera, scene: Scene) -> Renderer:

@@ -1,4 +1,8 @@
-"""The embedded simulator's compiled loop: observe, decide, move, judge.
+"""The embedded simulator's compiled loop: observe, decide, move, judge; for many cars side by side.
+
+Each car has a road of its own. The cars are observed and asked one after the other, and moved side
+by side. A car that has ended its drive is replaced by the car of the next road. A car drives alone
+as it drives beside others, bit for bit.
 
 The loop for drivers in Python (`frenetic.simulators.drive_loop`) calls the same kernels in the same
 order, so a built-in driver drives alike in both loops, bit for bit.
@@ -6,19 +10,25 @@ order, so a built-in driver drives alike in both loops, bit for bit.
 
 from __future__ import annotations
 
+from typing import Any, Final, NamedTuple, TypeAlias
+
 import numpy as np
 
-from frenetic._support.arrays import FloatArray
+from frenetic._support.arrays import FloatArray, IntArray
 from frenetic._support.compiled import njit
-from frenetic.drivers.elastic_band import MEMORY
-from frenetic.drivers.laws import decide
+from frenetic._support.trigonometry import wrapped
+from frenetic.drivers.laws import decide, rows_read
 from frenetic.drivers.wrappers import disturb
-from frenetic.oracle.assessment import RUNNING
+from frenetic.oracle.assessment import RUNNING, assess_record
 from frenetic.simulators.embedded.single_track import (
+    ASKED,
+    BRAKE,
     HEADING,
-    LATERAL_SPEED,
+    INPUT_SIZE,
+    MOST_CARS,
     SPEED,
-    STEERING,
+    STATE_SIZE,
+    THROTTLE,
     YAW_RATE,
     X,
     Y,
@@ -26,18 +36,96 @@ from frenetic.simulators.embedded.single_track import (
 )
 from frenetic.simulators.embedded.slopes import on_slopes
 from frenetic.simulators.embedded.weather import distance_of, grip_at, in_gust
-from frenetic.simulators.observer import observe, write_limits_ahead
+from frenetic.simulators.observer import look_ahead, write_curvatures_ahead, write_limits_ahead
 
-STEP = 0.01
+STEP: Final = 0.01
 """Step of the RK4 integration, in s: 100 Hz."""
-STEPS_PER_PERIOD = 5
+STEPS_PER_PERIOD: Final = 5
 """RK4 steps between two decisions and records: 20 Hz."""
-PERIOD = STEP * STEPS_PER_PERIOD
+PERIOD: Final = STEP * STEPS_PER_PERIOD
 """Time between two decisions and records, in s."""
 
-# Rows of the array of records, in the order of the columns of a `Trajectory`. Most begin with R, to
-# tell them from the indices of the state.
+# Columns of the records, in the order of the columns of a `Trajectory`. Most begin with R, to tell
+# them from the indices of the state.
 TIME, RX, RY, RHEADING, RSPEED, RLATERAL, RYAW, RSTEERING, RINPUT, RTHROTTLE, RBRAKE = range(11)
+RECORD_SIZE: Final = 11
+DISTANCE, OFFSET, OOB_SHARE = range(3)
+"""Columns of the assessments."""
+ASSESSMENT_SIZE: Final = 3
+
+
+Fields: TypeAlias = tuple[Any, ...]
+"""The fields of a named tuple below as a plain tuple. Numba's cache would name the class of a named
+tuple, and could not be read any more once the class has moved."""
+
+
+class Roads(NamedTuple):
+    """The n roads of a rollout, in the order of their drives, and what belongs to each."""
+
+    tables: FloatArray
+    """Tables of the roads one after the other, (m, 6) or (m, 7), see `frenetic.road.geometry`."""
+    first_rows: IntArray
+    """First row of each road's table, and the number of rows, (n + 1,)."""
+    sub_steps: FloatArray
+    """Distance between two rows of each table, (n,) in m."""
+    lane_widths: FloatArray
+    """Width of each ego lane, (n,) in m."""
+    rules: FloatArray
+    """Rules of each drive, (n, 5), see `frenetic.oracle.assessment.rules_array`."""
+    limits: FloatArray
+    """Limits of the roads one after the other, (m, 2): station in m, and the speed limit in m/s to
+    which the driver keeps from there on."""
+    first_limits: IntArray
+    """First limit of each road, and the number of limits, (n + 1,)."""
+
+
+class Slopes(NamedTuple):
+    """The slopes of n roads."""
+
+    slopes: FloatArray
+    """`Road.slopes` of the roads one after the other, (m, 2)."""
+    first_rows: IntArray
+    """First row of each road's slopes, and the number of rows, (n + 1,)."""
+
+
+class Drivers(NamedTuple):
+    """The built-in drivers of a rollout, all of one law, with their wrappers."""
+
+    law: int
+    """Number of the law, see `frenetic.drivers.laws`."""
+    parameters: FloatArray
+    """Parameters of the law, (n, p)."""
+    setups: FloatArray
+    """Setups of the drives, (n, 9), see `frenetic.drivers.laws.setup_array`."""
+    rows: IntArray
+    """Number of points of each driver's view, (n,)."""
+    delays: IntArray
+    """Number of periods that the controls of each driver take to arrive, (n,)."""
+    errors: FloatArray
+    """Errors of each driver in each record, (n, m, 2): of its offset in m, of its heading in rad;
+    (n, 0, 2) if no driver makes any."""
+
+
+class CarArrays(NamedTuple):
+    """The n cars of a rollout. The kernel changes all but the first two."""
+
+    bodies: FloatArray
+    """The cars' boxes, (n, 3), see `CarBody.to_array`."""
+    vehicles: FloatArray
+    """`Vehicle.to_array` of each car, (n, 30)."""
+    states: FloatArray
+    """State of each car, (n, 7): at the start, then at the end of the drive."""
+    records: FloatArray
+    """Records of each trajectory, (n, m, 11)."""
+    assessments: FloatArray
+    """Assessment of each record, (n, m, 3): distance along the road and lateral offset from the
+    centre line in m, and oob share, which may be 0 unless it is a drive's largest so far."""
+    largest_shares: FloatArray
+    """Largest oob share of each drive, (n,); 0 at the start."""
+    counts: IntArray
+    """Number of records of each drive, (n,); 0 at the start."""
+    ends: IntArray
+    """How each drive ended, (n,), see `frenetic.oracle.assessment`."""
 
 
 @njit()
@@ -58,165 +146,185 @@ def start_state(table: FloatArray, lane_width: float, left: float, turned: float
     return state
 
 
-@njit()
+@njit(error_model="numpy", force_inline=True)
 def write_record(
-    records: FloatArray,
-    i: int,
-    state: FloatArray,
-    steering: float,
-    throttle: float,
-    brake: float,
+    records: FloatArray, i: int, states: FloatArray, inputs: FloatArray, k: int
 ) -> None:
-    """Write record ``i``: the state, and the controls that the driver chose there."""
-    records[TIME, i] = i * PERIOD
-    records[RX, i] = state[X]
-    records[RY, i] = state[Y]
-    records[RHEADING, i] = state[HEADING]
-    records[RSPEED, i] = state[SPEED]
-    records[RLATERAL, i] = state[LATERAL_SPEED]
-    records[RYAW, i] = state[YAW_RATE]
-    records[RSTEERING, i] = state[STEERING]
-    records[RINPUT, i] = steering
-    records[RTHROTTLE, i] = throttle
-    records[RBRAKE, i] = brake
+    """Write record ``i``, (11,): the state, and the controls that the driver chose there."""
+    records[i, TIME] = i * PERIOD
+    for v in range(STATE_SIZE):
+        records[i, RX + v] = states[k, v]
+    for v in range(INPUT_SIZE):
+        records[i, RINPUT + v] = inputs[k, v]
 
 
-@njit()
-def advance_period(
-    state: FloatArray,
-    steering: float,
-    throttle: float,
-    brake: float,
+@njit(error_model="numpy")
+def ground_under(
     vehicle: FloatArray,
     table: FloatArray,
     ds: float,
-    slopes: FloatArray,
+    slopes: FloatArray | None,
+    weather: FloatArray | None,
+    state: FloatArray,
     s: float,
-    weather: FloatArray,
-    steps: int = STEPS_PER_PERIOD,
-) -> float:
-    """Move the car by one period, or by another number of integration steps.
+    seconds: float,
+) -> tuple[FloatArray, float]:
+    """Return a car's parameters on the ground under it, and its distance along the road in m.
 
     Args:
-        state, steering, throttle, brake: see `advance`; the state is changed in place.
         vehicle: `Vehicle.to_array()`.
         table, ds: the road, see `frenetic.road.geometry`.
-        slopes: `Road.slopes`.
-        s: distance of the car along the road at most a few periods ago, in m; it is used on slopes
-            and in weather only.
-        weather: see `frenetic.simulators.embedded.weather`.
-        steps: number of integration steps.
-
-    Returns:
-        Distance of the car along the road before it moved, in m; ``s`` itself without slopes and
-        weather.
+        slopes: `Road.slopes`; None on flat roads.
+        weather: see `frenetic.simulators.embedded.weather`; None without.
+        state: (7,) state of the car.
+        s: distance of the car along the road at most a few periods ago, in m.
+        seconds: time for which the parameters hold, in s.
     """
     ground = vehicle
-    if len(weather):
+    if weather is not None:
         s = distance_of(table, ds, state, s)
         ground = grip_at(weather, vehicle, s)
-    if len(slopes):
-        ground, s = on_slopes(ground, table, ds, slopes, state, s, steps * STEP)
-    if len(weather):
+    if slopes is not None:
+        ground, s = on_slopes(ground, table, ds, slopes, state, s, seconds)
+    if weather is not None:
         ground = in_gust(weather, ground, state, s)
-    for _ in range(steps):
-        advance(state, steering, throttle, brake, ground, STEP)
-    return s
+    return ground, s
 
 
-@njit()
+@njit(error_model="numpy")
+def _slopes_of(slopes: Fields, k: int) -> FloatArray:
+    """Return the slopes of road ``k``, see `Slopes`."""
+    rows, first_rows = slopes
+    part: FloatArray = rows[first_rows[k] : first_rows[k + 1]]
+    return part
+
+
+@njit(error_model="numpy", nogil=True)
 def rollout(
-    table: FloatArray,
-    ds: float,
-    slopes: FloatArray,
-    lane_width: float,
-    rules: FloatArray,
-    car: FloatArray,
-    vehicle: FloatArray,
-    law: int,
-    parameters: FloatArray,
-    setup: FloatArray,
-    rows: int,
-    delay: int,
-    errors: FloatArray,
-    state: FloatArray,
-    records: FloatArray,
-    weather: FloatArray,
-    limits: FloatArray,
-) -> int:
-    """Let a built-in driver drive until the drive ends; return the number of records written.
+    roads: Fields,
+    slopes: Fields | None,
+    weather: FloatArray | None,
+    drivers: Fields,
+    memories: FloatArray | None,
+    cars: Fields,
+) -> None:
+    """Let built-in drivers drive along their roads until the drives end.
 
     Args:
-        table, ds: the road, see `frenetic.road.geometry`.
-        slopes: `Road.slopes`.
-        lane_width: width of the ego lane, in m.
-        rules, car: see `frenetic.oracle.assessment.assess_record`.
-        vehicle: `Vehicle.to_array()`.
-        law, parameters, setup: see `frenetic.drivers.laws`.
-        rows: number of points of the driver's view.
-        delay: number of periods that controls take to arrive.
-        errors: (n, 2) errors of the driver in each record: of its offset in m, of its heading in
-            rad; (0, 2) for a driver without errors.
-        state: (7,) state at the start; it becomes the state at the end.
-        records: (11, n) array that the columns of a `Trajectory` are written to.
-        weather: see `frenetic.simulators.embedded.weather`.
-        limits: (k, 2) station in m, and the speed limit in m/s to which the driver keeps from there
-            on.
+        roads: fields of `Roads`.
+        slopes: fields of `Slopes`; None if all roads are flat.
+        weather: weather of each drive, (n, m), see `frenetic.simulators.embedded.weather`; None
+            without.
+        drivers: fields of `Drivers`.
+        memories: states of the drivers, see `frenetic.drivers.laws.new_memory`.
+        cars: fields of `CarArrays`, which the kernel changes.
     """
-    ahead = np.empty((rows, 2))
-    curvature_ahead = np.empty(rows)
-    limit_ahead = np.empty(rows if len(limits) > 1 else 1)
-    write_limits_ahead(limits, 0.0, len(limit_ahead), limit_ahead)
-    waiting = np.zeros((delay + 1, 3))
-    memory = np.zeros(MEMORY)
-    most = records.shape[1]
-    steering = throttle = brake = 0.0
-    s = 0.0
-    for i in range(most):
-        write_record(records, i, state, steering, throttle, brake)
-        end, s, offset, heading_error, _ = observe(
-            table,
-            ds,
-            lane_width,
-            rules,
-            car,
-            records,
-            i,
-            state[HEADING],
-            s,
-            rules[0],
-            ahead,
-            curvature_ahead,
-        )
-        if end != RUNNING:
-            return i + 1
-        if len(errors):
-            disturb(ahead, rows, errors[i, 0], errors[i, 1])
-            offset += errors[i, 0]
-            heading_error += errors[i, 1]
-        if len(limits) > 1:
-            write_limits_ahead(limits, s, rows, limit_ahead)
-        steering, throttle, brake = decide(
-            law,
-            state[SPEED],
-            state[YAW_RATE],
-            s,
-            offset,
-            heading_error,
-            ahead,
-            curvature_ahead,
-            limit_ahead,
-            rows,
-            parameters,
-            setup,
-            memory,
-        )
-        if delay:
-            # A ring of the controls that are on their way: the oldest ones arrive now.
-            slot = i % (delay + 1)
-            waiting[slot, 0], waiting[slot, 1], waiting[slot, 2] = steering, throttle, brake
-            slot = (i + 1) % (delay + 1)
-            steering, throttle, brake = waiting[slot, 0], waiting[slot, 1], waiting[slot, 2]
-        write_record(records, i, state, steering, throttle, brake)
-        advance_period(state, steering, throttle, brake, vehicle, table, ds, slopes, s, weather)
-    return int(most)
+    tables, first_rows, sub_steps, lane_widths, rules, limits, first_limits = roads
+    law, parameters, setups, rows, delays, errors = drivers
+    bodies, vehicles, states, records, assessments, largest_shares, counts, ends = cars
+    count, most_records, most_rows = len(sub_steps), records.shape[1], rows.max()
+
+    ahead = np.empty((most_rows, 2))
+    curvature_ahead = np.empty(most_rows)
+    limit_ahead = np.empty(most_rows if len(limits) > count else 1)
+    inputs = np.zeros((count, INPUT_SIZE))  # what each driver has decided and its car obeys
+    # A ring of what each car will obey.
+    waiting = np.zeros((count, delays.max() + 1, INPUT_SIZE))
+    grounds = vehicles.copy()  # the cars on the ground under them
+
+    driving = np.arange(min(MOST_CARS, count))
+    following = active = len(driving)
+    while active:
+        n = 0
+        while n < active:
+            # Record and assess the car.
+            k = driving[n]
+            i = counts[k]
+            table, ds, lane_width = (
+                tables[first_rows[k] : first_rows[k + 1]],
+                sub_steps[k],
+                lane_widths[k],
+            )
+            car_records = records[k]
+            write_record(car_records, i, states, inputs, k)
+            before = assessments[k, i - 1, DISTANCE] if i else 0.0
+            end, s, d, road_heading, share = assess_record(
+                table,
+                ds,
+                lane_width,
+                rules[k],
+                bodies[k],
+                car_records,
+                i,
+                before,
+                largest_shares[k],
+            )
+            assessments[k, i, DISTANCE] = s
+            assessments[k, i, OFFSET] = d
+            assessments[k, i, OOB_SHARE] = share
+            largest_shares[k] = max(largest_shares[k], share)
+            counts[k], ends[k] = i + 1, end
+            if end != RUNNING or i + 1 == most_records:
+                if following < count:  # the car of the next road takes its place
+                    driving[n] = following
+                    following += 1
+                else:
+                    active -= 1
+                    driving[n] = driving[active]
+                continue
+
+            # Let its driver see the road, and decide.
+            speed, yaw_rate, heading = states[k, SPEED], states[k, YAW_RATE], states[k, HEADING]
+            offset, heading_error = d + 0.5 * lane_width, wrapped(heading - road_heading)
+            first, stop = rows_read(law, speed, rows[k], parameters[k])
+            pose = states[k, X], states[k, Y], heading
+            look_ahead(table, ds, lane_width, pose, s, first, stop, ahead)
+            write_curvatures_ahead(table, ds, lane_width, s, rows[k], curvature_ahead)
+            if len(limit_ahead) == 1:
+                limit_ahead[0] = limits[k, 1]
+            else:
+                own_limits = limits[first_limits[k] : first_limits[k + 1]]
+                write_limits_ahead(own_limits, s, most_rows, limit_ahead)
+            if errors.shape[1]:
+                disturb(ahead, first, stop, errors[k, i, 0], errors[k, i, 1])
+                offset += errors[k, i, 0]
+                heading_error += errors[k, i, 1]
+            steering, throttle, brake = decide(
+                law,
+                speed,
+                yaw_rate,
+                s,
+                offset,
+                heading_error,
+                ahead,
+                curvature_ahead,
+                limit_ahead,
+                rows[k],
+                parameters[k],
+                setups[k],
+                None if memories is None else memories[k],
+            )
+            slot = i % (delays[k] + 1)
+            waiting[k, slot, ASKED] = steering
+            waiting[k, slot, THROTTLE] = throttle
+            waiting[k, slot, BRAKE] = brake
+            slot = (i + 1) % (delays[k] + 1)  # of the oldest controls, which arrive now
+            for v in range(INPUT_SIZE):
+                inputs[k, v] = records[k, i, RINPUT + v] = waiting[k, slot, v]
+            n += 1
+
+        # Move the cars.
+        if slopes is not None or weather is not None:
+            for n in range(active):
+                k = driving[n]
+                grounds[k], _ = ground_under(
+                    vehicles[k],
+                    tables[first_rows[k] : first_rows[k + 1]],
+                    sub_steps[k],
+                    None if slopes is None else _slopes_of(slopes, k),
+                    None if weather is None else weather[k],
+                    states[k],
+                    assessments[k, counts[k] - 1, DISTANCE],
+                    PERIOD,
+                )
+        advance(states, inputs, grounds, driving[:active], STEP, STEPS_PER_PERIOD)

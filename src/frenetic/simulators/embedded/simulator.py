@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
-import math
 import os
 import subprocess
 import sys
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, replace
 from functools import cache
 from typing import Any, ClassVar, Final, Self
-
-import numpy as np
 
 from frenetic._support.arrays import FloatArray
 from frenetic._support.bounds import Positive, check
@@ -20,11 +17,9 @@ from frenetic._support.compiled import cache_folder
 from frenetic._support.kernel_cache import VARIABLE
 from frenetic.drivers import Planner
 from frenetic.drivers.driver import Controls, Driver, DriveSetup, Observation
-from frenetic.drivers.laws import setup_array
 from frenetic.drivers.stack import camera_of, scene_of, unwrapped
 from frenetic.drivers.wrappers import Noisy, compiled_form
 from frenetic.errors import DriverError, Trouble
-from frenetic.oracle.assessment import rules_array
 from frenetic.oracle.drive import Drive, Rules, Trajectory
 from frenetic.oracle.outcome import Outcome
 from frenetic.oracle.verdict import judge
@@ -33,14 +28,11 @@ from frenetic.simulators.capabilities import check_road
 from frenetic.simulators.checks import SimulatorCheck
 from frenetic.simulators.drive_loop import run_drive
 from frenetic.simulators.embedded import rollout as kernels
+from frenetic.simulators.embedded.batch import CompiledDrive, drive_side_by_side
 from frenetic.simulators.embedded.python_car import EmbeddedCar, new_renderer
 from frenetic.simulators.embedded.vehicle import Vehicle
 from frenetic.simulators.embedded.weather import weather_array
-from frenetic.simulators.observer import in_metres_per_second
 from frenetic.simulators.simulator import Amount, Ready, StartingPlace, unusual_amounts
-
-_NO_ERRORS: Final = np.empty((0, 2))
-"""Errors of a driver that makes none, as `rollout` takes them."""
 
 
 class EmbeddedSimulator(StartingPlace, Ready):
@@ -82,7 +74,7 @@ class EmbeddedSimulator(StartingPlace, Ready):
     draws: Final = True
     lays_slopes: Final = True
     period_step: Final = kernels.STEP
-    BEHAVIOUR: ClassVar[int] = 1
+    BEHAVIOUR: ClassVar[int] = 2
     """Version of the drives: to be increased when they change; campaigns record it."""
 
     def __init__(
@@ -118,7 +110,6 @@ class EmbeddedSimulator(StartingPlace, Ready):
         self.load, self.wet, self.gust = load, wet, gust
         self.wet_at, self.gust_at = wet_at, gust_at
         self.wall_limit = wall_limit
-        self._buffer = np.empty(0)  # for the records, the same in all drives
 
     @property
     def options(self) -> dict[str, Any]:
@@ -199,44 +190,61 @@ class EmbeddedSimulator(StartingPlace, Ready):
         Raises:
             RoadError: The road leans, rises or widens, and the driver has a camera.
         """
-        self.check_driver(driver)
-        setup = self.setup(road)
-        compiled = compiled_form(driver, setup.period)
+        compiled = self.compiled_drive(road, driver)
         if compiled is None:
-            return self._drive_python(road, driver, setup)
-        # The record at 0 s, and the one after the timeout, which ends every drive, are two more.
-        max_records = math.ceil(self.rules.timeout(road.length) / kernels.PERIOD) + 2
-        records = self._records(max_records)
-        parameters, weather = self._conditions(road)
-        limits = in_metres_per_second(self.rules.speed_limits_on(road))
-        limits[:, 1] += compiled.excess
-        count = kernels.rollout(
-            road.table,
-            road.sub_step,
-            road.slopes,
-            road.lane_width,
-            rules_array(self.rules, road.length),
-            self._car,
-            parameters,
-            compiled.law,
-            compiled.parameters,
-            setup_array(setup),
-            compiled.rows,
-            compiled.delay,
-            _NO_ERRORS if compiled.errors is None else compiled.errors.upto(max_records),
-            self._start(road),
-            records,
-            weather,
-            limits,
-        )
-        return Drive(Trajectory(*records[:, :count]), self.car, self.rules, road)
+            return self._drive_python(road, driver, self.setup(road))
+        return self.drive_compiled([compiled])[0]
 
-    def _records(self, count: int) -> FloatArray:
-        """Return room for the records of a drive, (11, count): a part of the buffer."""
-        columns = len(Trajectory.names())
-        if self._buffer.size < columns * count:
-            self._buffer = np.empty(columns * count)
-        return self._buffer[: columns * count].reshape(columns, count)
+    def drive_many(self, roads: Sequence[Road], driver: Driver, *, threads: int = 1) -> list[Drive]:
+        """Drive along each road, and return the drives in the order of the roads.
+
+        Each drive is the same as alone, bit for bit. Drives of a built-in driver run side by side,
+        which takes about a third of the time.
+
+        Args:
+            roads: The roads.
+            driver: The driver of each car.
+            threads: Number of threads that drive with a built-in driver.
+
+        Raises:
+            RoadError: A road leans, rises or widens, and the driver has a camera.
+            ValueError: The number of threads is less than 1.
+        """
+        compiled = [self.compiled_drive(road, driver) for road in roads]
+        ready = [drive for drive in compiled if drive is not None]
+        if len(ready) < len(compiled):
+            return [self.drive(road, driver) for road in roads]
+        return self.drive_compiled(ready, threads=threads)
+
+    def compiled_drive(self, road: Road, driver: Driver) -> CompiledDrive | None:
+        """Return a drive for `drive_compiled`, in the conditions that the simulator has now.
+
+        Returns:
+            The drive; None if the driver has to be called from Python.
+        """
+        self.check_driver(driver)
+        compiled = compiled_form(driver, kernels.PERIOD)
+        if compiled is None:
+            return None
+        parameters, weather = self._conditions(road)
+        start = self._start(road)
+        return CompiledDrive(
+            road, self.rules, self.car, self._steered, parameters, weather, start, compiled
+        )
+
+    def drive_compiled(self, drives: Sequence[CompiledDrive], *, threads: int = 1) -> list[Drive]:
+        """Drive side by side, each drive in its own conditions; return the drives in this order.
+
+        Args:
+            drives: The drives, of `compiled_drive`.
+            threads: Number of threads that drive.
+
+        Raises:
+            ValueError: The number of threads is less than 1.
+        """
+        if threads < 1:
+            raise ValueError(f"threads is {threads}, but must be at least 1")
+        return drive_side_by_side(drives, threads)
 
     def _drive_python(self, road: Road, driver: Driver, setup: DriveSetup) -> Drive:
         """Drive with the compiled rollout's kernels and calls of the driver in between."""
@@ -262,7 +270,7 @@ class EmbeddedSimulator(StartingPlace, Ready):
             period_step=self.period_step,
         )
 
-    def _conditions(self, road: Road) -> tuple[FloatArray, FloatArray]:
+    def _conditions(self, road: Road) -> tuple[FloatArray, FloatArray | None]:
         """Return the car's parameters with its load, and the weather, as the kernels take them."""
         car, parameters = self._steered, self._parameters
         if self.load:

@@ -41,10 +41,13 @@ load transfer and drive forces make it understeer or oversteer.
 from __future__ import annotations
 
 import math
-from typing import Final
+from typing import Final, TypeAlias
 
-from frenetic._support.arrays import FloatArray
+import numpy as np
+
+from frenetic._support.arrays import FloatArray, IntArray
 from frenetic._support.compiled import njit
+from frenetic._support.trigonometry import arctangent, cosine_within_turn, sine_within_turn, wrapped
 from frenetic.drivers.driver import DRAG_FADE_SPEED
 from frenetic.simulators.embedded.vehicle import (
     ACROSS,
@@ -58,11 +61,11 @@ from frenetic.simulators.embedded.vehicle import (
     FRONT_TYRE_B,
     GRIP,
     HEIGHT,
-    IS_TILTED,
     LEAST_ACCELERATION,
     LEFT,
     MASS,
     MOST_ACCELERATION,
+    PARAMETER_COUNT,
     PULL_AHEAD,
     PULL_LEFT,
     REAR,
@@ -89,16 +92,34 @@ LATERAL_SPEED: Final = 4
 YAW_RATE: Final = 5
 STEERING: Final = 6
 STATE_SIZE: Final = 7
+# Indices of the inputs.
+ASKED: Final = 0
+THROTTLE: Final = 1
+BRAKE: Final = 2
+INPUT_SIZE: Final = 3
+_INPUT: Final = STATE_SIZE
+_GROUND: Final = _INPUT + INPUT_SIZE
+"""First values of the inputs and of the parameters in the array of `advance`."""
+
+MOST_CARS: Final = 32
+"""Largest number of cars that `advance` moves side by side; our choice: more are not faster."""
+
+_GROUP: Final = 8
+"""Number of cars that the widest vector instructions move at once; it divides `MOST_CARS`."""
+_LEAST_BRAKING: Final = 1e-9
+"""Deceleration below which nobody brakes, in m/s²: it keeps a quotient finite."""
+_Parameters: TypeAlias = tuple[float, ...] | FloatArray
+"""A car's parameters by their indices in `frenetic.simulators.embedded.vehicle`."""
 
 
-@njit(error_model="numpy")
+@njit(error_model="numpy", force_inline=True)
 def _clip(value: float, low: float, high: float) -> float:
     """Return the value, or the end of the range that it is beyond."""
     return low if value < low else high if value > high else value
 
 
-@njit(error_model="numpy")
-def _lateral_grip_used(rolling: float, sliding: float, b: float, p: FloatArray) -> float:
+@njit(error_model="numpy", force_inline=True)
+def _lateral_grip_used(rolling: float, sliding: float, b: float, p: _Parameters) -> float:
     """Return the lateral force of an axle's tyres per peak force, -1..1, positive to the left.
 
     This is the Magic Formula sin(C atan(B α)) with two simplifications, each of which changes the
@@ -113,10 +134,10 @@ def _lateral_grip_used(rolling: float, sliding: float, b: float, p: FloatArray) 
         p: `Vehicle.to_array()`.
     """
     slip = -sliding / max(abs(rolling), p[CRAWL_SPEED])
-    return math.sin(p[TYRE_C] * math.atan(b * slip))
+    return sine_within_turn(p[TYRE_C] * arctangent(b * slip))
 
 
-@njit(error_model="numpy")
+@njit(error_model="numpy", force_inline=True)
 def axle_forces(
     v_x: float,
     v_y: float,
@@ -125,7 +146,7 @@ def axle_forces(
     sin_d: float,
     throttle: float,
     brake: float,
-    p: FloatArray,
+    p: _Parameters,
 ) -> tuple[float, float, float, float, float, float]:
     """Return F_x, F_y and F_z on the front axle, then on the rear axle, in newtons.
 
@@ -148,8 +169,7 @@ def axle_forces(
 
     # Forces that the pedals ask for. Brakes oppose the rolling, and fade out at walking pace.
     engine = throttle * p[ENGINE_FORCE]
-    if v_x > p[SWITCH_SPEED]:
-        engine *= p[SWITCH_SPEED] / v_x
+    engine *= p[SWITCH_SPEED] / max(v_x, p[SWITCH_SPEED])
     braking = brake * p[BRAKE_FORCE]
     front_fade = _clip(front_rolling / DRAG_FADE_SPEED, -1.0, 1.0)
     rear_fade = _clip(rear_rolling / DRAG_FADE_SPEED, -1.0, 1.0)
@@ -181,8 +201,8 @@ def axle_forces(
     return front_x, front_y, front_z, rear_x, rear_y, rear_z
 
 
-@njit(error_model="numpy")
-def _pull(v_x: float, v_y: float, brake: float, p: FloatArray) -> tuple[float, float]:
+@njit(error_model="numpy", force_inline=True)
+def _pull(v_x: float, v_y: float, brake: float, p: _Parameters) -> tuple[float, float]:
     """Return the pull of gravity ahead and to the left in m/s², without the part that is held.
 
     Near standstill the forces of brakes, drag and sliding tyres fade out. By the share by which
@@ -192,8 +212,7 @@ def _pull(v_x: float, v_y: float, brake: float, p: FloatArray) -> tuple[float, f
     asked = brake * p[BRAKE_FORCE] / p[MASS]
     brakes = min(asked, -p[LEAST_ACCELERATION])
     rolling = abs(v_x) / DRAG_FADE_SPEED
-    if asked > brakes:
-        rolling *= asked / brakes
+    rolling *= max(asked, brakes, _LEAST_BRAKING) / max(brakes, _LEAST_BRAKING)
     sliding = abs(v_y) * p[TYRE_B] * p[TYRE_C] / p[CRAWL_SPEED]
     still = (1.0 - min(rolling, 1.0)) * (1.0 - min(sliding, 1.0))
     ahead = brakes + p[ROLLING_DRAG] / p[MASS]
@@ -204,7 +223,7 @@ def _pull(v_x: float, v_y: float, brake: float, p: FloatArray) -> tuple[float, f
     )
 
 
-@njit(error_model="numpy")
+@njit(error_model="numpy", force_inline=True)
 def motion(
     v_x: float,
     v_y: float,
@@ -213,18 +232,18 @@ def motion(
     steering: float,
     throttle: float,
     brake: float,
-    p: FloatArray,
+    p: _Parameters,
 ) -> tuple[float, float, float, float]:
     """Return the time derivatives of v_x, v_y, r and δ, which do not depend on the pose.
 
-    m (dv_x/dt - v_y r) = F_xr + F_xf cos δ - F_yf sin δ - drag
-    m (dv_y/dt + v_x r) = F_yr + F_xf sin δ + F_yf cos δ
-    I_z dr/dt           = l_f (F_xf sin δ + F_yf cos δ) - l_r F_yr
+    m (dv_x/dt - v_y r - pull_x) = F_xr + F_xf cos δ - F_yf sin δ - drag
+    m (dv_y/dt + v_x r - pull_y) = F_yr + F_xf sin δ + F_yf cos δ
+    I_z dr/dt                    = l_f (F_xf sin δ + F_yf cos δ) - l_r F_yr
 
-    On tilted ground the pull of gravity is added, see `_pull`.
+    See `_pull` for the pull of gravity on slopes and of a gust.
     """
-    cos_d = math.cos(delta)
-    sin_d = math.sin(delta)
+    cos_d = cosine_within_turn(delta)
+    sin_d = sine_within_turn(delta)
     front_x, front_y, _, rear_x, rear_y, _ = axle_forces(
         v_x, v_y, r, cos_d, sin_d, throttle, brake, p
     )
@@ -235,10 +254,9 @@ def motion(
     wanted = _clip(steering, -p[STEERING_LIMIT], p[STEERING_LIMIT])
     a_x = (rear_x + front_ahead - drag) / p[MASS] + v_y * r
     a_y = (rear_y + front_left) / p[MASS] - v_x * r
-    if p[IS_TILTED]:
-        pull_ahead, pull_left = _pull(v_x, v_y, brake, p)
-        a_x += pull_ahead
-        a_y += pull_left
+    pull_ahead, pull_left = _pull(v_x, v_y, brake, p)
+    a_x += pull_ahead
+    a_y += pull_left
     return (
         a_x,
         a_y,
@@ -247,7 +265,7 @@ def motion(
     )
 
 
-@njit(error_model="numpy")
+@njit(error_model="numpy", force_inline=True)
 def _turned(v_x: float, v_y: float, angle: float) -> tuple[float, float]:
     """Return a velocity turned by a small angle, with a relative error of 1e-9 up to 0.1 rad."""
     square = angle * angle
@@ -256,34 +274,48 @@ def _turned(v_x: float, v_y: float, angle: float) -> tuple[float, float]:
     return v_x * cos_a - v_y * sin_a, v_x * sin_a + v_y * cos_a
 
 
-@njit(error_model="numpy")
-def on_map(v_x: float, v_y: float, r: float, p: FloatArray) -> tuple[float, float, float]:
+@njit(error_model="numpy", force_inline=True)
+def on_map(v_x: float, v_y: float, r: float, p: _Parameters) -> tuple[float, float, float]:
     """Return the velocities ahead and to the left on the map, and the heading's rate of change."""
-    if p[IS_TILTED]:
-        return p[AHEAD] * v_x - p[SKEW] * v_y, p[LEFT] * v_y, p[TURN] * r + p[TWIST]
-    return v_x, v_y, r
+    return p[AHEAD] * v_x - p[SKEW] * v_y, p[LEFT] * v_y, p[TURN] * r + p[TWIST]
 
 
-@njit(error_model="numpy")
-def advance(
-    state: FloatArray, steering: float, throttle: float, brake: float, p: FloatArray, dt: float
-) -> None:
-    """Advance a state in place by one step of the classical Runge-Kutta method (RK4).
+@njit(error_model="numpy", force_inline=True)
+def _parameters_of(side: FloatArray, i: int) -> _Parameters:
+    """Return the parameters of car ``i`` of the array in `advance`."""
+    q, n = _GROUND * MOST_CARS + i, MOST_CARS
+    return (
+        *(side[q + 0 * n], side[q + 1 * n], side[q + 2 * n], side[q + 3 * n], side[q + 4 * n]),
+        *(side[q + 5 * n], side[q + 6 * n], side[q + 7 * n], side[q + 8 * n], side[q + 9 * n]),
+        *(side[q + 10 * n], side[q + 11 * n], side[q + 12 * n], side[q + 13 * n], side[q + 14 * n]),
+        *(side[q + 15 * n], side[q + 16 * n], side[q + 17 * n], side[q + 18 * n], side[q + 19 * n]),
+        *(side[q + 20 * n], side[q + 21 * n], side[q + 22 * n], side[q + 23 * n], side[q + 24 * n]),
+        *(side[q + 25 * n], side[q + 26 * n], side[q + 27 * n], side[q + 28 * n], side[q + 29 * n]),
+    )
 
-    The displacement is summed up in the frame of the step's start, where the heading stays small.
+
+@njit(error_model="numpy", force_inline=True)
+def _step(
+    state: tuple[float, float, float, float],
+    steering: float,
+    throttle: float,
+    brake: float,
+    p: _Parameters,
+    dt: float,
+) -> tuple[float, float, float, float, float, float, float]:
+    """Return how a car moves in a step of the classical Runge-Kutta method (RK4).
 
     Args:
-        state: (7,), see the module's text.
-        steering: angle asked of the front wheels in rad, positive to the left.
-        throttle: 0..1.
-        brake: 0..1.
-        p: `Vehicle.to_array()`.
+        state: v_x, v_y, r and δ at the start of the step.
+        steering, throttle, brake: see `motion`.
+        p: the car's parameters.
         dt: length of the step in s, at most 0.01.
 
+    Returns:
+        Displacement ahead and to the left, in the frame of the step's start, where the heading
+        stays small; changes of heading, v_x, v_y, r and δ.
     """
-    throttle = _clip(throttle, 0.0, 1.0)
-    brake = _clip(brake, 0.0, 1.0)
-    v_x, v_y, r, delta = state[SPEED], state[LATERAL_SPEED], state[YAW_RATE], state[STEERING]
+    v_x, v_y, r, delta = state
     half = 0.5 * dt
 
     # Each stage: its velocities, the derivatives there, and the heading relative to the start.
@@ -312,14 +344,75 @@ def advance(
     )
 
     sixth = dt / 6.0
-    ahead = sixth * (east1 + 2.0 * (east2 + east3) + east4)
-    left = sixth * (north1 + 2.0 * (north2 + north3) + north4)
-    cos_h = math.cos(state[HEADING])
-    sin_h = math.sin(state[HEADING])
-    state[X] += ahead * cos_h - left * sin_h
-    state[Y] += ahead * sin_h + left * cos_h
-    state[HEADING] += sixth * (turn1 + 2.0 * (turn2 + turn3) + turn4)
-    state[SPEED] += sixth * (a_x1 + 2.0 * (a_x2 + a_x3) + a_x4)
-    state[LATERAL_SPEED] += sixth * (a_y1 + 2.0 * (a_y2 + a_y3) + a_y4)
-    state[YAW_RATE] += sixth * (a_r1 + 2.0 * (a_r2 + a_r3) + a_r4)
-    state[STEERING] += sixth * (rate1 + 2.0 * (rate2 + rate3) + rate4)
+    return (
+        sixth * (east1 + 2.0 * (east2 + east3) + east4),
+        sixth * (north1 + 2.0 * (north2 + north3) + north4),
+        sixth * (turn1 + 2.0 * (turn2 + turn3) + turn4),
+        sixth * (a_x1 + 2.0 * (a_x2 + a_x3) + a_x4),
+        sixth * (a_y1 + 2.0 * (a_y2 + a_y3) + a_y4),
+        sixth * (a_r1 + 2.0 * (a_r2 + a_r3) + a_r4),
+        sixth * (rate1 + 2.0 * (rate2 + rate3) + rate4),
+    )
+
+
+@njit(error_model="numpy")
+def advance(
+    states: FloatArray,
+    inputs: FloatArray,
+    grounds: FloatArray,
+    cars: IntArray,
+    dt: float,
+    steps: int,
+) -> None:
+    """Advance cars side by side by some steps, in place; each moves as it would alone, bit for bit.
+
+    Args:
+        states: (n, 7) states, see the module's text.
+        inputs: (n, 3) angles asked of the front wheels in rad, throttle and brake.
+        grounds: (n, 30) parameters of each car on the ground under it, see `Vehicle.to_array`.
+        cars: numbers of the cars that move, at most `MOST_CARS`.
+        dt: length of a step in s, at most 0.01.
+        steps: number of steps.
+    """
+    count = len(cars)
+    # Vector instructions move whole groups: the last group is filled up with copies of a car.
+    filled = count if count == 1 else -(-count // _GROUP) * _GROUP
+    # Value v of car i is at v * MOST_CARS + i: in this order the loop over the cars is compiled to
+    # vector instructions.
+    side = np.empty((_GROUND + PARAMETER_COUNT) * MOST_CARS)
+    for i in range(filled):
+        k = cars[min(i, count - 1)]
+        for v in range(STATE_SIZE):
+            side[v * MOST_CARS + i] = states[k, v]
+        side[(_INPUT + ASKED) * MOST_CARS + i] = inputs[k, ASKED]
+        side[(_INPUT + THROTTLE) * MOST_CARS + i] = _clip(inputs[k, THROTTLE], 0.0, 1.0)
+        side[(_INPUT + BRAKE) * MOST_CARS + i] = _clip(inputs[k, BRAKE], 0.0, 1.0)
+        for v in range(PARAMETER_COUNT):
+            side[(_GROUND + v) * MOST_CARS + i] = grounds[k, v]
+    for _ in range(steps):
+        for i in range(filled):
+            heading = wrapped(side[HEADING * MOST_CARS + i])
+            cos_h, sin_h = cosine_within_turn(heading), sine_within_turn(heading)
+            ahead, left, turned, faster, sideways, yawing, steered = _step(
+                (
+                    side[SPEED * MOST_CARS + i],
+                    side[LATERAL_SPEED * MOST_CARS + i],
+                    side[YAW_RATE * MOST_CARS + i],
+                    side[STEERING * MOST_CARS + i],
+                ),
+                side[(_INPUT + ASKED) * MOST_CARS + i],
+                side[(_INPUT + THROTTLE) * MOST_CARS + i],
+                side[(_INPUT + BRAKE) * MOST_CARS + i],
+                _parameters_of(side, i),
+                dt,
+            )
+            side[X * MOST_CARS + i] += ahead * cos_h - left * sin_h
+            side[Y * MOST_CARS + i] += ahead * sin_h + left * cos_h
+            side[HEADING * MOST_CARS + i] += turned
+            side[SPEED * MOST_CARS + i] += faster
+            side[LATERAL_SPEED * MOST_CARS + i] += sideways
+            side[YAW_RATE * MOST_CARS + i] += yawing
+            side[STEERING * MOST_CARS + i] += steered
+    for i in range(count):
+        for v in range(STATE_SIZE):
+            states[cars[i], v] = side[v * MOST_CARS + i]

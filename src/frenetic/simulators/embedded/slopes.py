@@ -28,6 +28,7 @@ from typing import Final
 
 from frenetic._support.arrays import FloatArray
 from frenetic._support.compiled import njit
+from frenetic._support.trigonometry import cosine, hypotenuse, sine
 from frenetic.road.classes import GRAVITY
 from frenetic.road.geometry import CURVATURE, frame_at, heading_at, project_near, reach_of
 from frenetic.simulators.embedded.single_track import (
@@ -42,7 +43,6 @@ from frenetic.simulators.embedded.single_track import (
 from frenetic.simulators.embedded.vehicle import (
     ACROSS,
     AHEAD,
-    IS_TILTED,
     LEAST_ACCELERATION,
     LEFT,
     MOST_ACCELERATION,
@@ -116,19 +116,19 @@ def on_slopes(
 
     """
     v_x, v_y = state[SPEED], state[LATERAL_SPEED]
-    reach = reach_of(0.1 * math.hypot(v_x, v_y))
+    reach = reach_of(0.1 * hypotenuse(v_x, v_y))
     s, d = project_near(table, ds, state[X], state[Y], s, reach)
     turned = state[HEADING] - heading_at(table, ds, s)
 
     # Place and direction of the car when half the time has passed.
     half = 0.5 * seconds
     kappa = frame_at(table, ds, s)[4]
-    along = v_x * math.cos(turned) - v_y * math.sin(turned)
+    along = v_x * cosine(turned) - v_y * sine(turned)
     along /= max(1.0 - kappa * d, 0.05)
     middle = s + half * along
-    d += half * (v_x * math.sin(turned) + v_y * math.cos(turned))
+    d += half * (v_x * sine(turned) + v_y * cosine(turned))
     turned += half * (state[YAW_RATE] - kappa * along)
-    c, w = math.cos(turned), math.sin(turned)
+    c, w = cosine(turned), sine(turned)
 
     grade, e, z_ss, z_sd = _height_at(table, ds, slopes, middle, d)
 
@@ -136,7 +136,6 @@ def on_slopes(
     ahead, left = grade * c + e * w, e * c - grade * w
     length, norm = math.sqrt(1.0 + ahead * ahead), math.sqrt(1.0 + ahead * ahead + left * left)
     ground = p.copy()
-    ground[IS_TILTED] = 1.0
     ground[PULL_AHEAD] = -GRAVITY * ahead / length
     ground[PULL_LEFT] = -GRAVITY * left / (norm * length)
     ground[AHEAD] = 1.0 / length

@@ -53,18 +53,17 @@ LEAST_ACCELERATION: Final = 19  # m/s², negative: the hardest braking that the 
 MOST_ACCELERATION: Final = 20  # m/s², the largest that the rear tyres allow
 FRONT_TYRE_B: Final = 21  # 1/rad, TYRE_B of the front axle
 ACROSS: Final = 22  # m/s², load on the tyres per mass: gravity's acceleration on flat ground
-# The following indices matter on tilted ground and in a gust only.
-IS_TILTED: Final = 23  # 1 there, else 0
-PULL_AHEAD: Final = 24  # m/s², pull of gravity ahead
-PULL_LEFT: Final = 25  # m/s², pull of gravity and gust to the left
+# The tilt of the ground and the push of a gust: neutral on flat ground without a gust.
+PULL_AHEAD: Final = 23  # m/s², pull of gravity ahead
+PULL_LEFT: Final = 24  # m/s², pull of gravity and gust to the left
 # The velocity on the map is AHEAD v_x - SKEW v_y ahead and LEFT v_y to the left, and the heading on
 # the map changes by TURN r + TWIST.
-AHEAD: Final = 26
-SKEW: Final = 27
-LEFT: Final = 28
-TURN: Final = 29
-TWIST: Final = 30  # rad/s
-PARAMETER_COUNT: Final = 31
+AHEAD: Final = 25
+SKEW: Final = 26
+LEFT: Final = 27
+TURN: Final = 28
+TWIST: Final = 29  # rad/s
+PARAMETER_COUNT: Final = 30
 
 _PositiveShare: TypeAlias = Annotated[float, Meta(gt=0.0, le=1.0)]
 _STABLE_STEP: Final = 2.0
@@ -296,6 +295,7 @@ class Vehicle:
         p[ROLLING_DRAG] = self.rolling_resistance * self.mass * GRAVITY
         usable = self.slip_control * self.grip
         p[ACROSS] = GRAVITY
+        p[AHEAD] = p[LEFT] = p[TURN] = 1.0
         p[LEAST_ACCELERATION] = -usable * GRAVITY
         # The rear axle drives with μ F_z, and the acceleration a adds to its load:
         # m a = μ m (g l_f + a h) / l.

@@ -21,16 +21,13 @@ import numpy as np
 
 from frenetic._support.arrays import FloatArray
 from frenetic._support.compiled import njit
+from frenetic._support.trigonometry import cosine, hypotenuse
 from frenetic.road.geometry import project_near, reach_of
 from frenetic.simulators.embedded.single_track import LATERAL_SPEED, SPEED, X, Y
 from frenetic.simulators.embedded.vehicle import (
-    AHEAD,
     AIR_DENSITY,
-    IS_TILTED,
-    LEFT,
     MASS,
     PULL_LEFT,
-    TURN,
     Vehicle,
 )
 
@@ -43,14 +40,12 @@ SIDE_AREA: Final = 5.0
 # Indices of the weather array: middles of the stretches, speed of the gust, and the first of the
 # car's parameters on the wet stretch.
 _WET_AT, _GUST_AT, _GUST, _VEHICLE = range(4)
-NONE: Final = np.empty(0)
-"""Array of the weather without a wet stretch and without a gust."""
 
 
 def weather_array(
     vehicle: Vehicle, wet: float, gust: float, wet_at: float, gust_at: float
-) -> FloatArray:
-    """Return the weather as the kernels take it; `NONE` without a wet stretch and a gust.
+) -> FloatArray | None:
+    """Return the weather as the kernels take it; None without a wet stretch and a gust.
 
     Args:
         vehicle: The car.
@@ -60,7 +55,7 @@ def weather_array(
         gust_at: Distance of the gust's middle along the road, in m.
     """
     if wet == 1.0 and gust == 0.0:
-        return NONE
+        return None
     on_wet = replace(vehicle, friction=wet * vehicle.friction)
     return np.concatenate([[wet_at, gust_at, gust], on_wet.to_array()])
 
@@ -68,7 +63,7 @@ def weather_array(
 @njit(error_model="numpy")
 def distance_of(table: FloatArray, ds: float, state: FloatArray, s: float) -> float:
     """Return the distance of a car along the road, in m; 0.1 s ago at most it was at ``s``."""
-    reach = reach_of(0.1 * math.hypot(state[SPEED], state[LATERAL_SPEED]))
+    reach = reach_of(0.1 * hypotenuse(state[SPEED], state[LATERAL_SPEED]))
     now: float = project_near(table, ds, state[X], state[Y], s, reach)[0]
     return now
 
@@ -95,10 +90,8 @@ def in_gust(weather: FloatArray, ground: FloatArray, state: FloatArray, s: float
     away = abs(s - weather[_GUST_AT]) / GUST_LENGTH
     if weather[_GUST] == 0.0 or away >= 0.5:
         return ground
-    wind = weather[_GUST] * 0.5 * (1.0 + math.cos(2.0 * math.pi * away))
+    wind = weather[_GUST] * 0.5 * (1.0 + cosine(2.0 * math.pi * away))
     pushed = ground.copy()
-    if not pushed[IS_TILTED]:  # only tilted ground has a pull: make flat ground tilted by nothing
-        pushed[IS_TILTED] = pushed[AHEAD] = pushed[LEFT] = pushed[TURN] = 1.0
-    force = 0.5 * AIR_DENSITY * SIDE_AREA * wind * math.hypot(state[SPEED], wind)
+    force = 0.5 * AIR_DENSITY * SIDE_AREA * wind * hypotenuse(state[SPEED], wind)
     pushed[PULL_LEFT] += force / ground[MASS]
     return pushed
