@@ -186,12 +186,13 @@ class Running:
         marks: Marks,
         *options: str,
         simulator: str = f"{faulty.__file__}:Waiting",
+        driver: str = "planner",
     ) -> None:
         self.marks = marks
         self.folder = tmp_path / "campaign"
         self.out, self.err = tmp_path / "out", tmp_path / "err"
         command = [sys.executable, "-m", "frenetic", "run", "--simulations", "60"]
-        command += ["--workers", "2", "--out", str(self.folder)]
+        command += ["--workers", "2", "--out", str(self.folder), "--driver", driver]
         simulator_options = () if simulator == "embedded" else (f"folder={marks.folder}", *options)
         command += ["--simulator", ",".join([simulator, *simulator_options])]
         with self.out.open("w") as out, self.err.open("w") as err:
@@ -296,7 +297,14 @@ def test_ctrl_c_while_the_server_of_the_workers_starts_stores_nothing(
                 continue
         return False
 
-    options: Any = {"simulator": simulator} if simulator else {}
+    options: Any = {}
+    if simulator:
+        # A driver in Python: only compiled drivers need no processes.
+        driver = tmp_path / "python_planner.py"
+        driver.write_text(
+            "from frenetic.drivers import Planner\n\n\nclass PythonPlanner(Planner):\n    pass\n"
+        )
+        options = {"simulator": simulator, "driver": f"{driver}:PythonPlanner"}
     with Running(tmp_path, marks, **options) as running:
         running.until(server_is_there, "the server starts")
         for number in range(presses):

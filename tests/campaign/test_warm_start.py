@@ -102,15 +102,15 @@ def test_an_interrupted_campaign_goes_on_without_the_earlier_campaign(
 ) -> None:
     old, folder = tmp_path / "v1", tmp_path / "v2"
     shutil.copytree(first, old)
-    drive, drives = EmbeddedSimulator.drive, iter(range(9, 0, -1))
+    drive_compiled, calls = EmbeddedSimulator.drive_compiled, iter(range(9, 0, -1))
 
-    def stopping(self: EmbeddedSimulator, road: Any, driver: Any) -> Any:
-        if next(drives) == 1:
+    def stopping(self: EmbeddedSimulator, drives: Any, **options: Any) -> Any:
+        if next(calls) == 1:
             raise KeyboardInterrupt
-        return drive(self, road, driver)
+        return drive_compiled(self, drives, **options)
 
     with monkeypatch.context() as patched:
-        patched.setattr(EmbeddedSimulator, "drive", stopping)
+        patched.setattr(EmbeddedSimulator, "drive_compiled", stopping)
         assert search(folder, old).run().interrupted
     shutil.rmtree(old)
     assert not search(folder).resume().interrupted

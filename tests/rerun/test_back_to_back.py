@@ -129,8 +129,9 @@ def test_an_interrupted_comparison_goes_on_with_the_same_results(
         on_event = interrupted(at)
         tester = RoadTester(EmbeddedSimulator(), Planner())
         roads = fresh_roads(campaign, tester, fresh=FRESH, on_event=on_event)
-        assert len(roads.tests) == (at or FRESH)
-    for at in (FRESH - 1, FRESH + 1, None):
+        # The roads that are driven side by side are finished.
+        assert (at or FRESH) <= len(roads.tests) <= FRESH
+    for at in (1, None):
         tester = RoadTester(EmbeddedSimulator(), CALMER)
         new = compare_versions(roads, tester, on_event=interrupted(at))
         assert (new.missing > 0) is (at is not None)

@@ -367,13 +367,13 @@ def raise_error() -> None:
 def test_the_same_call_resumes_an_interrupted_rerun_with_the_same_results(
     campaign: Path, stop: Callable[[], None], workers: int
 ) -> None:
-    conditions = [{}, {"friction": 0.8}]
+    conditions = [{}, {"friction": 0.8}, {"friction": 0.9}, {"noise": 0.1}]
     whole = rerun_tests(campaign, None, conditions, out=campaign / "whole")
     reports: list[tuple[int, int]] = []
 
     def interrupt(now: Summary) -> None:
         reports.append((now.simulations, now.failed))
-        if now.simulations in (3, 7):
+        if now.simulations in (3, 12):
             stop()
 
     drive_counts = []
@@ -381,12 +381,15 @@ def test_the_same_call_resumes_an_interrupted_rerun_with_the_same_results(
         with suppress(CallbackError):
             rerun_tests(campaign, None, conditions, workers=workers, on_event=on_result(interrupt))
         (run,) = read_reruns(campaign)
-        assert run.planned == 12
+        assert run.planned == 24
         drive_counts.append(len(run.drives))
     result = rerun_tests(campaign, None, conditions, workers=workers, on_event=on_result(interrupt))
-    if workers == 1:  # several workers finish running drives
-        assert drive_counts == [3, 7]
-        assert reports[-1] == (12, sum(drive.outcome is Outcome.FAIL for drive in whole.drives))
+    # The roads that are driven side by side are finished.
+    assert 3 <= drive_counts[0] < 24
+    assert 12 <= drive_counts[1] <= 24
+    if workers == 1:
+        assert drive_counts[1] < 24
+        assert reports[-1] == (24, sum(drive.outcome is Outcome.FAIL for drive in whole.drives))
     assert results_of(result) == results_of(whole)
     assert [drives for drives, _ in reports] == sorted({drives for drives, _ in reports}), (
         "each number of drives is reported once"
@@ -397,24 +400,28 @@ def test_the_same_call_resumes_an_interrupted_rerun_with_the_same_results(
 def test_a_rerun_goes_on_after_its_campaign_was_moved(
     campaign: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    conditions = [{}, {"friction": 0.9}]
     with suppress(CallbackError):
-        rerun_tests(campaign, on_event=on_result(lambda _: raise_error()))
+        rerun_tests(campaign, None, conditions, on_event=on_result(lambda _: raise_error()))
+    (interrupted,) = read_reruns(campaign)
     campaign.rename(tmp_path / "moved")
     monkeypatch.chdir(tmp_path)
     reports: list[int] = []
     report = on_result(lambda now: reports.append(now.simulations))
-    run = rerun_tests(Path("moved"), on_event=report)
-    assert (len(folders(Path("moved"))), reports) == (1, [2, 3, 4, 5, 6])
-    assert all(drive.is_same for drive in run.drives)
+    run = rerun_tests(Path("moved"), None, conditions, on_event=report)
+    assert len(folders(Path("moved"))) == 1
+    assert reports == list(range(len(interrupted.drives) + 1, 13)) != []
+    assert all(drive.is_same for drive in run.drives if not drive.conditions)
 
 
 def test_interrupted_reruns_are_read_before_complete_ones(campaign: Path) -> None:
     complete = rerun_tests(campaign, [*driven_in(campaign)[:2]])
+    conditions = [{}, {"friction": 0.9}]
     with suppress(CallbackError):
-        rerun_tests(campaign, on_event=on_result(lambda _: raise_error()))
+        rerun_tests(campaign, None, conditions, on_event=on_result(lambda _: raise_error()))
     later = rerun_tests(campaign, [*driven_in(campaign)[:1]])
     interrupted, *rest = read_reruns(campaign)
-    assert (interrupted.planned, len(interrupted.drives)) == (6, 1)
+    assert 1 <= len(interrupted.drives) < interrupted.planned == 12
     assert [run.folder for run in rest] == [complete.folder, later.folder]
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 import os
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from contextlib import AbstractContextManager, chdir, nullcontext
 from dataclasses import dataclass, field, fields, replace
 from functools import lru_cache
@@ -110,6 +110,11 @@ class RoadTester:
         return capabilities(self.simulator).drives_compiled(driver)
 
     @property
+    def drives_side_by_side(self) -> bool:
+        """Whether `test_many` drives many roads at once."""
+        return self.drives_compiled and capabilities(self.simulator).drive_compiled is not None
+
+    @property
     def described(self) -> Mapping[str, dict[str, JSONValue]]:
         """Records of driver and simulator, see `frenetic.spec.part_record.describe`."""
         parts = {"driver": self.driver, "simulator": self.simulator}
@@ -151,8 +156,7 @@ class RoadTester:
         """
         road, verdict = self.fit_road(candidate)
         if road is None or not verdict.valid:
-            pose = road.pose if road else None
-            return Attempt.undriven(candidate.id, Outcome.INVALID, verdict.message, pose)
+            return self._refusal(candidate, road, verdict)
         conditions = self.terms.conditions_of(candidate.conditions)
         if not conditions:
             return self._drive_and_judge(candidate.id, road, self.driver)
@@ -160,6 +164,42 @@ class RoadTester:
         with in_conditions(conditions, self.simulator, self.driver) as driver:
             check_pair(self.simulator, driver)
             return self._drive_and_judge(candidate.id, road, driver)
+
+    def test_many(self, candidates: Sequence[Candidate], *, threads: int = 1) -> list[Attempt]:
+        """Test candidates as `test` does, and drive their roads side by side.
+
+        Args:
+            candidates: the candidates.
+            threads: number of threads that drive.
+        """
+        attempts: dict[int, Attempt] = {}
+        roads: dict[int, Road] = {}
+        drives = []
+        for candidate in candidates:
+            road, verdict = self.fit_road(candidate)
+            if road is None or not verdict.valid:
+                attempts[candidate.id] = self._refusal(candidate, road, verdict)
+                continue
+            roads[candidate.id] = road
+            drives.append(self._compiled_drive(candidate, road))
+        drive_compiled = capabilities(self.simulator).drive_compiled
+        assert drive_compiled is not None
+        driven = drive_compiled(drives, threads=threads)
+        for (candidate_id, road), drive in zip(roads.items(), driven, strict=True):
+            attempts[candidate_id] = self._judged(candidate_id, road, drive)
+        return [attempts[candidate.id] for candidate in candidates]
+
+    def _compiled_drive(self, candidate: Candidate, road: Road) -> Any:
+        """Return a candidate's drive in its conditions, for the simulator's ``drive_compiled``."""
+        compiled_drive = capabilities(self.simulator).compiled_drive
+        assert compiled_drive is not None
+        conditions = self.terms.conditions_of(candidate.conditions)
+        if not conditions:
+            return compiled_drive(road, self.driver)
+        check_conditions(candidate.conditions)
+        with in_conditions(conditions, self.simulator, self.driver) as driver:
+            check_pair(self.simulator, driver)
+            return compiled_drive(road, driver)
 
     def attempt(
         self, candidate: Candidate, worker: str | None = None, *, keep_exact: bool = False
@@ -181,9 +221,22 @@ class RoadTester:
         with in_conditions(conditions, self.simulator, self.driver) as driver:
             return self._drive(road, driver)[0]
 
+    @staticmethod
+    def _refusal(candidate: Candidate, road: Road | None, verdict: Verdict) -> Attempt:
+        """Return the attempt at a candidate whose road was refused."""
+        pose = road.pose if road else None
+        return Attempt.undriven(candidate.id, Outcome.INVALID, verdict.message, pose)
+
     def _drive_and_judge(self, candidate_id: int, road: Road, driver: Driver) -> Attempt:
         """Drive a road and return the attempt with the verdict."""
         drive, simulator_broke = self._drive(road, driver)
+        return self._judged(candidate_id, road, drive, simulator_broke=simulator_broke)
+
+    @staticmethod
+    def _judged(
+        candidate_id: int, road: Road, drive: Drive, *, simulator_broke: bool = False
+    ) -> Attempt:
+        """Return the attempt with the verdict on a drive."""
         path = drive.trajectory
         # A broken simulator's trajectory may hold numbers that cannot be stored.
         is_storable = len(path) > 0 and bool(np.isfinite(path.to_rows()).all())

@@ -17,7 +17,15 @@ from msgspec import json, structs
 
 from frenetic._support.bounds import require_count
 from frenetic._support.json_value import JSONValue, plain
-from frenetic.campaign import Budget, Campaign, CampaignStore, Event, RoadTester, Summary
+from frenetic.campaign import (
+    MAX_IN_FLIGHT,
+    Budget,
+    Campaign,
+    CampaignStore,
+    Event,
+    RoadTester,
+    Summary,
+)
 from frenetic.campaign.configuration import Owner
 from frenetic.campaign.counts import Counts
 from frenetic.campaign.database import DATABASE
@@ -68,8 +76,9 @@ class DrivingPlan:
     """Name of the objective, whose value the strategy gets with each result."""
     strategy_name: str | None = None
     """Name of the strategy on a command line; None if it has no name."""
-    max_in_flight: int | None = None
-    """Largest number of candidates without a result at once, see `Campaign`."""
+    max_in_flight: int = MAX_IN_FLIGHT
+    """Largest number of candidates without a result at once, see `Campaign`: a constant, since what
+    is driven must not depend on the workers."""
 
 
 def driving_campaign(

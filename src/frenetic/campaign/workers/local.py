@@ -13,6 +13,7 @@ from frenetic._support.json_value import JSONValue
 from frenetic.campaign.log import CampaignLog, LogEvent
 from frenetic.campaign.record import Attempt
 from frenetic.campaign.tester import RoadTester
+from frenetic.campaign.workers.threads import ThreadWorkers
 from frenetic.campaign.workers.workers import InProcessWorker, Workers, cluster_workers
 from frenetic.errors import CampaignError, Fault, Trouble, describe_error
 from frenetic.processes.object_process import (
@@ -322,6 +323,8 @@ def workers_for(
     if isinstance(workers, str):
         cluster: Workers = cluster_workers()(tester, workers, drive_limit=drive_limit, log=log)
         return cluster
+    if tester.drives_side_by_side:
+        return ThreadWorkers(tester, workers)
     if workers == 1 and not (isolate and is_isolable(tester)):
         return InProcessWorker(tester)
     return LocalWorkers(
