@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+import os
+import subprocess
+import sys
 from collections.abc import Iterator
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -160,3 +164,48 @@ def test_the_order_of_the_roads_does_not_matter() -> None:
     drives = simulator.drive_many(roads, DRIVERS["noisy"])
     backwards = simulator.drive_many(roads[::-1], DRIVERS["noisy"])
     assert_equal(backwards[::-1], drives)
+
+
+DIGEST = """
+import hashlib
+
+from frenetic.drivers import BeamngAi, Noisy, Planner, Stanley
+from frenetic.road import Road
+from frenetic.simulators import EmbeddedSimulator
+
+road = Road([0.0, 0.03, 0.06, 0.0, -0.04, 0.0])
+other, leaning = Road(-road.curvatures), Road(road.curvatures, grade=0.04, superelevation=-0.03)
+digest = hashlib.sha256()
+for driver in (Planner(), Stanley(), BeamngAi(), Noisy(Planner())):
+    for options in ({}, {"gust": 12.0, "friction": 0.7}):
+        for drive in EmbeddedSimulator(**options).drive_many([road, other, leaning], driver):
+            digest.update(drive.trajectory.to_rows().tobytes())
+print(digest.hexdigest())
+"""
+
+
+@pytest.mark.parametrize(
+    "variables",
+    [
+        {"NUMBA_DISABLE_JIT": "1"},
+        pytest.param(
+            {"NUMBA_CPU_NAME": "generic", "NUMBA_CPU_FEATURES": ""}, marks=pytest.mark.heavy
+        ),
+    ],
+    ids=["interpreted", "a plain processor"],
+)
+def test_drives_have_the_same_bits_without_vector_instructions(
+    tmp_path: Path, variables: dict[str, str]
+) -> None:
+    """Python's own arithmetic, and that of a processor with the least instructions, agree."""
+    digests = []
+    for environment in ({}, {**variables, "NUMBA_CACHE_DIR": str(tmp_path)}):
+        process = subprocess.run(
+            [sys.executable, "-c", DIGEST],
+            env={**os.environ, **environment},
+            capture_output=True,
+            text=True,
+            check=True,
+        )
+        digests.append(process.stdout)
+    assert digests[0] == digests[1] != ""

@@ -76,9 +76,9 @@ class DrivingPlan:
     """Name of the objective, whose value the strategy gets with each result."""
     strategy_name: str | None = None
     """Name of the strategy on a command line; None if it has no name."""
-    max_in_flight: int = MAX_IN_FLIGHT
-    """Largest number of candidates without a result at once, see `Campaign`: a constant, since what
-    is driven must not depend on the workers."""
+    max_in_flight: int | None = None
+    """Largest number of candidates without a result at once, see `Campaign`; None for as many as
+    are driven at once."""
 
 
 def driving_campaign(
@@ -124,11 +124,16 @@ def driving_campaign(
             folder=driving_folder,
             workers=min(workers, budget.simulations or workers),
             isolate=options.get("isolate", False),
-            max_in_flight=plan.max_in_flight,
+            max_in_flight=plan.max_in_flight or _usual_in_flight(tester),
             objective=plan.objective,
             spec=spec,
             description={PURPOSE: {**plan.purpose, "digest": digest}, **_OWNER.entry()},
         )
+
+
+def _usual_in_flight(tester: RoadTester) -> int | None:
+    """Return how many candidates may be without a result; None for the default of `Campaign`."""
+    return MAX_IN_FLIGHT if tester.drives_side_by_side else None
 
 
 def _require_place(folder: Path | str | None, out: Path | str | None) -> None:

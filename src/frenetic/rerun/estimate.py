@@ -32,7 +32,7 @@ from frenetic._support.bounds import require_count
 from frenetic._support.files import check_writable, read_bounded, write_file
 from frenetic._support.outside_text import read_json
 from frenetic._support.words import counted
-from frenetic.campaign import Campaign, CampaignStore, Event, new_folder
+from frenetic.campaign import MAX_IN_FLIGHT, Campaign, CampaignStore, Event, new_folder
 from frenetic.campaign.database import DATABASE
 from frenetic.campaign.record import Test
 from frenetic.campaign.replay import replay
@@ -366,6 +366,7 @@ def estimate(
         Budget(simulations=drives),
         identity=[describe(draws), tester.terms],
         purpose={"estimate": True},
+        max_in_flight=MAX_IN_FLIGHT,  # a constant: draws must not depend on the workers
     )
     driving = driving_campaign(campaign, plan, tester, options)
     # Drives of earlier calls in which the simulator broke are made again: they cost extra budget.

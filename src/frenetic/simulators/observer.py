@@ -269,7 +269,8 @@ class Observer:
         """Take in a record (s, m, m, rad); return whether the drive continues."""
         self._ahead, self._curvature_ahead = np.empty((AHEAD_POINTS, 2)), np.empty(AHEAD_POINTS)
         records, i = self._records, self._count
-        records[i] = time, x, y, heading
+        # A value at a time: numpy is slow to make an array of a tuple.
+        records[i, 0], records[i, 1], records[i, 2], records[i, 3] = time, x, y, heading
         end, self._s, offset, heading_error, _ = observe(
             *self._line,
             self._rules,

@@ -12,7 +12,16 @@ from frenetic.drivers.camera import RENDERERS, Camera, Image, Renderer, Scene
 from frenetic.errors import DriverError
 from frenetic.road import Road
 from frenetic.simulators.embedded import rollout as kernels
-from frenetic.simulators.embedded.single_track import HEADING, INPUT_SIZE, X, Y, advance
+from frenetic.simulators.embedded.single_track import (
+    ASKED,
+    BRAKE,
+    HEADING,
+    INPUT_SIZE,
+    THROTTLE,
+    X,
+    Y,
+    advance,
+)
 
 _ONLY_CAR: Final = np.zeros(1, np.int64)
 """Number of the car in its array of states."""
@@ -63,7 +72,8 @@ class EmbeddedCar:
         if not self._is_plain:
             ground, self._s = kernels.ground_under(*self._ground, self._states[0], self._s, seconds)
             self._grounds[0] = ground
-        self._inputs[0] = steering, throttle, brake
+        inputs = self._inputs  # a value at a time: numpy is slow to make an array of a tuple
+        inputs[0, ASKED], inputs[0, THROTTLE], inputs[0, BRAKE] = steering, throttle, brake
         steps = round(seconds / kernels.STEP)
         advance(self._states, self._inputs, self._grounds, _ONLY_CAR, kernels.STEP, steps)
 
