@@ -150,7 +150,7 @@ def start_state(table: FloatArray, lane_width: float, left: float, turned: float
 def write_record(
     records: FloatArray, i: int, states: FloatArray, inputs: FloatArray, k: int
 ) -> None:
-    """Write record ``i``, (11,): the state, and the controls that the driver chose there."""
+    """Write record ``i`` of car ``k``: the state, and the controls that the driver chose there."""
     records[i, TIME] = i * PERIOD
     for v in range(STATE_SIZE):
         records[i, RX + v] = states[k, v]
