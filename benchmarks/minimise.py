@@ -32,7 +32,6 @@ import numpy as np
 
 from frenetic.analysis.clusters import THRESHOLD
 from frenetic.analysis.failures import Failure
-from frenetic.analysis.segments import segment_of
 from frenetic.campaign import RoadTester
 from frenetic.drivers import Driver, Noisy
 from frenetic.oracle.drive import Drive
@@ -43,6 +42,7 @@ from frenetic.rerun.minimise import MAX_DRIVES, Minimised, StopReason, minimise
 from frenetic.rerun.minimising_strategy import FailureReason
 from frenetic.road import Road
 from frenetic.search import Candidate, Frenetic2021
+from frenetic.segments.segment import segment_of
 from frenetic.simulators import EmbeddedSimulator, Rules
 from frenetic.testing import converse
 

@@ -33,8 +33,6 @@ from typing import Any
 import numpy as np
 
 from frenetic import Budget, Campaign, CampaignStore, EmbeddedSimulator, Frenetic, Rules, Stanley
-from frenetic.analysis.causes import as_text, cause_of
-from frenetic.analysis.segments import segment_of
 from frenetic.criteria.criterion import Criterion
 from frenetic.oracle.measures import measure_criteria
 from frenetic.oracle.outcome import Outcome
@@ -45,6 +43,8 @@ from frenetic.plugins.third_party.vehicles import FissCar, HighwayEnvCar, Opendb
 from frenetic.road import Road
 from frenetic.road.classes import RoadClass, classes
 from frenetic.search.random_search import RandomSearch
+from frenetic.segments.causes import as_text, cause_of
+from frenetic.segments.segment import segment_of
 
 NO_SLOWING: dict[str, Any] = {"lateral": 100.0}
 """Options with which a third-party driver does not slow down for bends."""

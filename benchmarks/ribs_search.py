@@ -23,9 +23,6 @@ from ribs.archives import GridArchive
 from ribs.emitters import EvolutionStrategyEmitter, IsoLineEmitter
 
 from frenetic._support.arrays import FloatArray
-from frenetic.analysis.bends import heading_range
-from frenetic.analysis.features import FEATURES, HEADING_BINS
-from frenetic.analysis.segments import REACH
 from frenetic.road import MAP_SIZE
 from frenetic.search import Candidate, Evaluation, Origin
 from frenetic.search.map_check import MapCheck
@@ -33,6 +30,9 @@ from frenetic.search.operator_names import RANDOM
 from frenetic.search.operators import CURVATURE_BOUND
 from frenetic.search.random_roads import STEP, RandomRoads
 from frenetic.search.strategy import Ledger, Strategy, checked_options
+from frenetic.segments.bends import heading_range
+from frenetic.segments.features import FEATURES, HEADING_BINS
+from frenetic.segments.segment import REACH
 
 ALGORITHMS: Final = ("map-elites", "cma-mae", "cma-es")
 AXES: Final = ("direction_coverage", "max_curvature", "mean_speed", "mean_offset")
@@ -224,7 +224,7 @@ class RibsSearch(Strategy):
             self._emitter.tell(batch.solutions, batch.objective, batch.measures, info)
 
     def _behaviour(self, evaluation: Evaluation, candidate: Candidate) -> FloatArray:
-        """Return the features around the place, as `frenetic.analysis.features` defines them."""
+        """Return the features around the place, as `frenetic.segments.features` defines them."""
         length = (len(candidate.curvatures) - 1) * STEP
         place = evaluation.place or 0.0
         start, end = max(place - REACH, 0.0), min(place + REACH, length)

@@ -9,12 +9,12 @@ import planted_drivers as planted
 import pytest
 
 from frenetic import EmbeddedSimulator, Frenetic
-from frenetic.analysis.causes import Kind
 from frenetic.analysis.caution import caution
 from frenetic.analysis.clusters import distinct_failures
 from frenetic.analysis.failures import Failure
 from frenetic.campaign import Budget, Campaign, CampaignStore
 from frenetic.rerun.minimise import Minimised, minimise_causes
+from frenetic.segments.causes import Kind
 
 PAGE = Path(__file__).parent.parent / "docs" / "causes.md"
 

@@ -24,7 +24,6 @@ from frenetic.analysis import (
     segments_of,
 )
 from frenetic.analysis import clusters as module
-from frenetic.analysis.causes import Cause, Kind
 from frenetic.analysis.clusters import Cluster, distinct_failures, representative_failures
 from frenetic.analysis.failures import describe
 from frenetic.campaign import Campaign, CampaignStore
@@ -32,6 +31,7 @@ from frenetic.oracle.outcome import Outcome
 from frenetic.oracle.verdict import Result, Side
 from frenetic.road import Pose, Road
 from frenetic.search import RandomSearch
+from frenetic.segments.causes import Cause, Kind
 from frenetic.spec import Spec
 from frenetic.testing.dummies import DummyDriver, DummySimulator
 

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from frenetic.analysis.bends import (
+from frenetic.segments.bends import (
     AFTER_BEND,
     BEFORE_BEND,
     bends_of,

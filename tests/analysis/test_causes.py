@@ -9,10 +9,10 @@ import pytest
 
 from frenetic import Controls, DriveSetup, EmbeddedSimulator, Observation, Planner, Road
 from frenetic._support.arrays import FloatArray
-from frenetic.analysis.causes import Cause, Kind, as_text, cause_of, kind_number
-from frenetic.analysis.segments import segment_of
 from frenetic.oracle.drive import Drive, Trajectory
 from frenetic.oracle.verdict import judge
+from frenetic.segments.causes import Cause, Kind, as_text, cause_of, kind_number
+from frenetic.segments.segment import segment_of
 
 BEND = Road([0.0] * 6 + [0.066] * 12, 10.0)
 """A straight of 50 m and a left-hand bend that the driver below takes too fast."""

@@ -7,7 +7,6 @@ from pathlib import Path
 import pytest
 from sample_campaigns import search
 
-from frenetic.analysis.features import features_of
 from frenetic.analysis.listing import list_tests
 from frenetic.analysis.segments import segments_of
 from frenetic.campaign import CampaignStore
@@ -15,6 +14,7 @@ from frenetic.errors import UnknownNameError
 from frenetic.oracle.outcome import Outcome
 from frenetic.road import Road
 from frenetic.search import RandomSearch
+from frenetic.segments.features import features_of
 from frenetic.testing.dummies import DummyDriver, DummySimulator
 
 

@@ -13,7 +13,6 @@ from sample_campaigns import search, store_of
 
 from frenetic.analysis.clusters import cluster_failures
 from frenetic.analysis.failures import failures_of
-from frenetic.analysis.features import FEATURES, features_of
 from frenetic.analysis.metrics import MEASURES, CampaignMeasures, measure_campaign
 from frenetic.analysis.segments import segments_of
 from frenetic.analysis.sparseness import unlike_lines
@@ -21,6 +20,7 @@ from frenetic.campaign import CampaignStore
 from frenetic.export import export_campaign
 from frenetic.oracle.outcome import Outcome
 from frenetic.search import Frenetic2021, RandomSearch
+from frenetic.segments.features import FEATURES, features_of
 
 SIMULATIONS = 110
 

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from frenetic.analysis.axes import Axis
-from frenetic.analysis.features import FEATURES as AXES
 from frenetic.oracle.outcome import Outcome
 from frenetic.report.html import DataBlock, feature_map
 from frenetic.report.html.feature_map import cells_of, choose_mapped, map_section
 from frenetic.report.html.tests import TestSummary
+from frenetic.segments.features import FEATURES as AXES
 
 FEATURES = {
     "length": 60.0,

@@ -21,9 +21,7 @@ import pytest
 from click.testing import CliRunner
 from html_campaigns import HOSTILE, make_empty, make_hostile, make_refused
 
-from frenetic.analysis.bends import place_text
 from frenetic.analysis.clusters import Cluster, Clusters, distinct_failures, nearest_misses
-from frenetic.analysis.features import FEATURES, features_of
 from frenetic.analysis.segments import segments_of
 from frenetic.analysis.statistics import proportion_interval
 from frenetic.campaign import Budget, Campaign, CampaignStore
@@ -55,6 +53,8 @@ from frenetic.rerun.rerun import rerun
 from frenetic.rerun.variations import Variation
 from frenetic.road import Road, profile
 from frenetic.search import RandomSearch
+from frenetic.segments.bends import place_text
+from frenetic.segments.features import FEATURES, features_of
 from frenetic.simulators import EmbeddedSimulator
 from frenetic.spec.terms import Terms
 

@@ -14,7 +14,6 @@ import pytest
 from events import on_result, on_test
 
 from frenetic.analysis.failures import Failure
-from frenetic.analysis.segments import segment_of
 from frenetic.campaign import RoadTester, Summary, Test
 from frenetic.campaign.check import check_campaign
 from frenetic.drivers import Driver, Planner
@@ -26,6 +25,7 @@ from frenetic.rerun.minimising_strategy import GUARD, FailureReason
 from frenetic.rerun.shrinker import Shape
 from frenetic.road import Road
 from frenetic.search import Candidate, Frenetic2021
+from frenetic.segments.segment import segment_of
 from frenetic.simulators import Drive, EmbeddedSimulator
 from frenetic.spec.terms import Terms
 from frenetic.testing import DummyDriver, DummySimulator, converse

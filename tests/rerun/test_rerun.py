@@ -17,7 +17,6 @@ from events import on_result
 from repeats import Counting, driven_in, failures_in, recorded
 
 from frenetic.analysis.failures import Failure
-from frenetic.analysis.segments import segment_of
 from frenetic.campaign import Budget, Campaign, CampaignStore, Event, RoadTester, Summary, Test
 from frenetic.campaign.check import check_campaign
 from frenetic.campaign.database import DATABASE
@@ -32,6 +31,7 @@ from frenetic.rerun.stability import Change
 from frenetic.rerun.variations import Variation
 from frenetic.road import Road
 from frenetic.search import RandomSearch
+from frenetic.segments.segment import segment_of
 from frenetic.simulators import Drive, EmbeddedSimulator, Rules, Vehicle
 from frenetic.simulators.conditions import Conditions
 from frenetic.simulators.simulator import Simulator

@@ -4,12 +4,13 @@ from frenetic.analysis.clusters import Cluster, Clusters, cluster_failures, near
 from frenetic.analysis.comparison import Comparison, compare
 from frenetic.analysis.coverage import DomainCoverage, domain_coverage
 from frenetic.analysis.failures import Failure, failures_of
-from frenetic.analysis.features import FEATURES, Features, features_of
 from frenetic.analysis.groups import find_campaigns
 from frenetic.analysis.metrics import CampaignMeasures, measure_campaign
 from frenetic.analysis.official_segment import competition_segment, failure_segment
-from frenetic.analysis.segments import Segment, segment_of, segments_of
+from frenetic.analysis.segments import segments_of
 from frenetic.analysis.sparseness import unlike_lines
+from frenetic.segments.features import FEATURES, Features, features_of
+from frenetic.segments.segment import Segment, segment_of
 
 __all__ = [
     "FEATURES",

@@ -9,7 +9,7 @@ the failures do not matter.
 Faults of the driver, such as exceptions, are the same problem if the same line raised, whatever the
 road. They come first.
 
-A distinct failure has the most frequent *cause* of its members, see `frenetic.analysis.causes`.
+A distinct failure has the most frequent *cause* of its members, see `frenetic.segments.causes`.
 
 The nearest misses are the passing tests of lowest MOOBD, clustered in the same way, relative to the
 place where the car came nearest to its lane's edge.
@@ -28,7 +28,6 @@ import numpy as np
 
 from frenetic._support.arrays import FloatArray
 from frenetic._support.words import counted, lane_words
-from frenetic.analysis.causes import Cause, as_text
 from frenetic.analysis.failures import Failure, describe, failures_of
 from frenetic.analysis.linkage import link
 from frenetic.analysis.segments import segments_of
@@ -43,6 +42,7 @@ from frenetic.oracle.verdict import Side
 from frenetic.search.approach import ALIKE, SIZE, is_near
 from frenetic.search.archive import SIDES, critical_places
 from frenetic.search.records import Evaluation
+from frenetic.segments.causes import Cause, as_text
 
 THRESHOLD: Final = ALIKE
 """Largest root mean square difference at which two clusters are joined, in m."""

@@ -14,9 +14,7 @@ from typing import Final
 import numpy as np
 
 from frenetic._support.arrays import FloatArray
-from frenetic.analysis.bends import place_text
-from frenetic.analysis.causes import Cause, Kind, as_text, cause_of
-from frenetic.analysis.segments import Segment, segment_of_test
+from frenetic.analysis.segments import segment_of_test
 from frenetic.campaign.record import Test
 from frenetic.campaign.store import CampaignStore
 from frenetic.criteria.criterion import EDGE_DISTANCE
@@ -27,6 +25,9 @@ from frenetic.oracle.verdict import Result, Side
 from frenetic.road import LANE_WIDTH
 from frenetic.search.approach import ROAD_SIZE, STATES, as_vector, road_around, states_before
 from frenetic.search.records import Trace
+from frenetic.segments.bends import place_text
+from frenetic.segments.causes import Cause, Kind, as_text, cause_of
+from frenetic.segments.segment import Segment
 
 _KM_H: Final = 3.6  # km/h in 1 m/s
 _MENTIONED_SLOWING: Final = 3.0  # [m/s] least loss of speed that is mentioned (our choice)

@@ -6,13 +6,13 @@ import math
 from collections.abc import Collection, Iterable, Mapping
 from typing import Final
 
-from frenetic.analysis.features import FEATURES, Features, features_of
 from frenetic.analysis.segments import segment_of_test
 from frenetic.campaign.record import Test
 from frenetic.campaign.store import CampaignStore
 from frenetic.conditions.condition import condition_named, known_conditions
 from frenetic.errors import UnknownNameError
 from frenetic.oracle.outcome import Outcome, chosen_outcomes
+from frenetic.segments.features import FEATURES, Features, features_of
 
 ORDERS: Final = ("severity", "tested", "duration")
 """Orders that need no features: lowest MOOBD first, order of the results, longest drive first."""

@@ -14,7 +14,6 @@ import numpy as np
 from frenetic._support.arrays import FloatArray, IntArray, evenly
 from frenetic.analysis.clusters import cluster_failures
 from frenetic.analysis.failures import Failure
-from frenetic.analysis.features import FEATURES, features_of
 from frenetic.analysis.official_segment import failure_segment
 from frenetic.analysis.segments import segment_of_test
 from frenetic.analysis.sparseness import MOST_COMPARED, largest_distances, unlike_lines
@@ -23,6 +22,7 @@ from frenetic.campaign.record import Test
 from frenetic.campaign.store import CampaignStore
 from frenetic.oracle.outcome import Outcome
 from frenetic.road import LANE_WIDTH
+from frenetic.segments.features import FEATURES, features_of
 
 Curve: TypeAlias = Literal["distinct_after", "failures_after"]
 """Name of a curve of `CampaignMeasures`."""

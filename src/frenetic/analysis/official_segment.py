@@ -8,9 +8,9 @@ import numpy as np
 import numpy.typing as npt
 
 from frenetic._support.arrays import FloatArray
-from frenetic.analysis.segments import REACH
 from frenetic.campaign.record import Test
 from frenetic.road.validity import as_points
+from frenetic.segments.segment import REACH
 
 _NODE_DISTANCE: Final = 0.55
 """Largest distance from a place to its node, in m: half of the nodes' 1 m, and a tolerance.

@@ -1,143 +1,14 @@
-"""The segment of a test around the place where the car left its lane."""
+"""Segments of stored tests."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
-from functools import cached_property
-from typing import Final
 
-import numpy as np
-
-from frenetic._support.arrays import FloatArray
-from frenetic.analysis.bends import Bend, find_bends
 from frenetic.campaign.reader import Order
 from frenetic.campaign.record import Test
 from frenetic.campaign.store import CampaignStore
-from frenetic.oracle.assessment import assess
-from frenetic.oracle.drive import Drive
-from frenetic.oracle.drive_assessment import Assessment
 from frenetic.oracle.outcome import Outcome
-from frenetic.oracle.signals import LocatedDrive
-from frenetic.oracle.verdict import Finding, Side, locate_drive
-from frenetic.road import Road
-
-REACH: Final = 30.0
-"""Length of a failure's segment before and after its place, in m."""
-
-
-@dataclass(frozen=True, eq=False)
-class Segment:
-    """Stretch of road around a place, and the drive along it; see `segment_of`."""
-
-    road: Road
-    drive: Drive
-    place: float
-    """Place of the finding, such as where the car left its lane, in m along the road; without a
-    finding, the place where the oob distance was least."""
-    side: Side | None
-    """Side of the lane on which the car left; None if it stayed."""
-    criterion: str | None
-    """Criterion that the drive exceeded at the place, see `frenetic.oracle.Finding`; None without a
-    finding."""
-    start: float
-    """Start of the segment, in m along the road."""
-    end: float
-    """End of the segment, in m along the road."""
-    assessment: Assessment
-    """Assessment of the whole drive, record by record."""
-    first: int
-    """Index of the segment's first record."""
-    last: int
-    """Index after the segment's last record."""
-
-    @property
-    def length(self) -> float:
-        """Length of the segment along the road, in m."""
-        return self.end - self.start
-
-    @property
-    def lateral_offset(self) -> FloatArray:
-        """Distance left of the ego lane's centre line, (n,) in m, record by record."""
-        return self.assessment.lateral_offset[self.first : self.last]
-
-    @property
-    def speed(self) -> FloatArray:
-        """Speed record by record, (n,) in m/s."""
-        return self.drive.trajectory.speed[self.first : self.last]
-
-    @property
-    def steering(self) -> FloatArray:
-        """Angle of the front wheels, (n,) in rad, record by record."""
-        return self.drive.trajectory.steering[self.first : self.last]
-
-    @cached_property
-    def curvature_samples(self) -> tuple[FloatArray, FloatArray]:
-        """Distances, (k,) in m, and curvatures, (k,) in 1/m: both ends and the samples between."""
-        places = np.arange(len(self.road.curvatures)) * self.road.step
-        inside = places[(places > self.start) & (places < self.end)]
-        distances = np.concatenate([[self.start], inside, [self.end]])
-        return distances, self.road.curvature_at(distances)
-
-    @cached_property
-    def signals(self) -> LocatedDrive:
-        """Signals of the whole drive, from which criteria are measured."""
-        return locate_drive(self.road, self.drive, self.assessment)
-
-    @property
-    def bends(self) -> tuple[Bend, ...]:
-        """Bends within the segment, cut at its ends, in order."""
-        return find_bends(*self.curvature_samples)
-
-    def whole(self) -> Segment:
-        """Return the segment with the whole road and the whole drive."""
-        n = len(self.assessment.distance)
-        return replace(self, start=0.0, end=self.road.length, first=0, last=n)
-
-
-def segment_of(road: Road, drive: Drive, finding: Finding | None) -> Segment:
-    """Return the segment of a drive around the place of a finding, such as a departure.
-
-    Without a finding, the place is where the oob distance is least. The segment reaches `REACH`
-    before and after the place, but not beyond the road's ends. It holds the records around the
-    place during which the car was within it.
-
-    Args:
-        road: road with its place on the map.
-        drive: drive that was judged PASS or FAIL.
-        finding: finding of the oracle or the campaign, see `Result.finding`.
-
-    Raises:
-        ValueError: the drive has no records.
-    """
-    if len(drive.trajectory) == 0:
-        raise ValueError("a drive without records has no segment: drive the road first")
-    assessment = assess(road, drive, has_all_shares=False)
-    n = len(assessment.distance)
-    if finding is not None:
-        record = int(np.argmin(np.abs(drive.trajectory.time[:n] - finding.time)))
-        place = finding.distance
-    else:
-        record = int(np.argmin(assessment.oob_distance))
-        place = float(assessment.distance[record])
-    place = min(max(place, 0.0), road.length)
-    start, end = max(place - REACH, 0.0), min(place + REACH, road.length)
-    # A record beyond the road's end belongs to the segment that reaches that end.
-    along = np.clip(assessment.distance, 0.0, road.length)
-    before_entry = np.flatnonzero(along[:record] < start)
-    after_exit = np.flatnonzero(along[record + 1 :] > end)
-    return Segment(
-        road=road,
-        drive=drive,
-        place=place,
-        side=None if finding is None else finding.side,
-        criterion=None if finding is None else finding.criterion,
-        start=start,
-        end=end,
-        assessment=assessment,
-        first=int(before_entry[-1]) + 1 if len(before_entry) else 0,
-        last=record + 1 + int(after_exit[0]) if len(after_exit) else n,
-    )
+from frenetic.segments.segment import Segment, segment_of
 
 
 def segment_of_test(test: Test) -> Segment | None:

@@ -175,7 +175,7 @@ def _print_tests(rows: Sequence[Mapping[str, Any]], names: Sequence[str], moobd_
         names: features and conditions that have a column.
         moobd_unit: unit of the MOOBD, for the heading.
     """
-    from frenetic.analysis.features import FEATURES
+    from frenetic.segments.features import FEATURES
 
     units = [(FEATURES[name] if name in FEATURES else condition_named(name)).unit for name in names]
     headings = [
@@ -348,8 +348,8 @@ def _coverage_facts(coverage: DomainCoverage) -> Iterator[tuple[str, str]]:
 
 def _cause_text(test: Test) -> str:
     """Return what the driver did wrong in a failed test; empty if unknown or in the reason."""
-    from frenetic.analysis.causes import as_text
     from frenetic.analysis.failures import Failure
+    from frenetic.segments.causes import as_text
 
     failure = Failure.of_test(test)
     return "" if failure is None or failure.cause is None else as_text(*failure.cause)

@@ -19,7 +19,6 @@ from typing import Final, NamedTuple, Unpack
 
 from frenetic._support.json_value import JSONValue
 from frenetic._support.words import counted
-from frenetic.analysis.causes import as_text
 from frenetic.analysis.failures import Failure
 from frenetic.analysis.statistics import ValueWithInterval, median_estimate, paired_share_difference
 from frenetic.campaign.record import Test
@@ -34,6 +33,7 @@ from frenetic.rerun.campaigns import DrivingOptions
 from frenetic.rerun.old_version import DEFAULT_FRESH_ROADS, FreshRoads, fresh_roads
 from frenetic.rerun.rerun import drive_tests
 from frenetic.rerun.stability import Change
+from frenetic.segments.causes import as_text
 from frenetic.simulators.simulator import Simulator
 from frenetic.spec.part_text import part_text
 

@@ -18,7 +18,6 @@ from typing import Final, Unpack
 import numpy as np
 
 from frenetic._support.bounds import require_count
-from frenetic.analysis.causes import kind_number
 from frenetic.analysis.clusters import CauseGroup
 from frenetic.analysis.failures import Failure
 from frenetic.campaign.database import DATABASE
@@ -44,6 +43,7 @@ from frenetic.rerun.shrinker import Shape
 from frenetic.road import Road, profile
 from frenetic.road.classes import RoadClass
 from frenetic.search.records import Candidate, Origin
+from frenetic.segments.causes import kind_number
 from frenetic.simulators.conditions import Conditions, usual_conditions
 from frenetic.spec import Budget
 

@@ -292,7 +292,7 @@ class _DriveFailure(NamedTuple):
     approach: FloatArray
     """Road, offsets and speeds before the failure, (64,) in m, see `frenetic.search.approach`."""
     cause: float | None
-    """Number of the kind of cause, see `frenetic.analysis.causes.kind_number`."""
+    """Number of the kind of cause, see `frenetic.segments.causes.kind_number`."""
     fault: Fault | None
     """Fault of the driver that ended the drive; None if the driver did not break."""
 

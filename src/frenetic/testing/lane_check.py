@@ -13,8 +13,6 @@ from typing import Final
 
 from frenetic._support.files import write_file
 from frenetic._support.words import counted
-from frenetic.analysis.causes import as_text, cause_of
-from frenetic.analysis.segments import segment_of
 from frenetic.campaign import Budget, Campaign, CampaignStore, Event, RoadTester, Test
 from frenetic.campaign.defaults import MAX_IN_FLIGHT
 from frenetic.criteria.criterion import COMPETITION
@@ -26,6 +24,8 @@ from frenetic.oracle.verdict import Result, judge
 from frenetic.rerun.minimise import Minimised, minimise_causes
 from frenetic.road import Road
 from frenetic.road.files import entries_of, read_road
+from frenetic.segments.causes import as_text, cause_of
+from frenetic.segments.segment import segment_of
 from frenetic.spec import Spec
 
 _MAX_FAILURES: Final = 20

@@ -13,10 +13,10 @@ from matplotlib.ticker import MaxNLocator
 from frenetic._support.arrays import FloatArray, evenly, spread
 from frenetic._support.words import capitalised
 from frenetic.analysis.axes import Axis
-from frenetic.analysis.features import FEATURES, Feature, Features
 from frenetic.oracle.outcome import Outcome
 from frenetic.report.html.page import DataBlock, Section, proper
 from frenetic.report.html.tests import TestSummary
+from frenetic.segments.features import FEATURES, Feature, Features
 
 MAPPED: Final = 3000
 """Number of tests in the map up to which passed tests are added to the failures; our choice."""

@@ -6,13 +6,13 @@ from collections.abc import Iterable, Mapping, Sequence, Set
 from typing import Any
 
 from frenetic._support.words import capitalised, counted
-from frenetic.analysis.causes import as_text
 from frenetic.analysis.clusters import Clusters
 from frenetic.campaign.counts import Counts
 from frenetic.report.html.page import DataBlock, Section, Table
 from frenetic.report.html.tests import TestSummary
 from frenetic.rerun.reruns import Rerun, rerun_name
 from frenetic.rerun.stability import Repeats
+from frenetic.segments.causes import as_text
 
 
 def gallery_section(

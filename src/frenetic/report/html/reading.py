@@ -9,8 +9,7 @@ from typing import Any
 
 from frenetic.analysis.clusters import COMPARED, Clusters, distinct_among, nearest_misses
 from frenetic.analysis.failures import Failure
-from frenetic.analysis.features import Features, features_of
-from frenetic.analysis.segments import Segment, segment_of_test
+from frenetic.analysis.segments import segment_of_test
 from frenetic.campaign.counts import Counts
 from frenetic.campaign.record import Test
 from frenetic.campaign.store import CampaignStore
@@ -19,6 +18,8 @@ from frenetic.report.failures import MOST_FILES
 from frenetic.report.html.feature_map import choose_mapped
 from frenetic.report.html.tests import TestSummary
 from frenetic.search.records import Candidate
+from frenetic.segments.features import Features, features_of
+from frenetic.segments.segment import Segment
 
 
 @dataclass(frozen=True)

@@ -8,13 +8,13 @@ from pathlib import Path
 from typing import Final
 
 from frenetic._support.files import write_file
-from frenetic.analysis.segments import segment_of
 from frenetic.campaign.record import Test
 from frenetic.oracle.drive import Drive
 from frenetic.report.html.page import Report, render
 from frenetic.report.html.tests import COLUMNS, drive_data
 from frenetic.report.judged_drive import judge_drive, road_of
 from frenetic.road import Road
+from frenetic.segments.segment import segment_of
 
 _HEIGHT: Final = 900  # [px] of a replay; our choice
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from frenetic._support.arrays import FloatArray
 from frenetic.analysis.failures import describe_drive
-from frenetic.analysis.segments import Segment, segment_of_test
+from frenetic.analysis.segments import segment_of_test
 from frenetic.campaign.record import Test
 from frenetic.campaign.store import CampaignStore
 from frenetic.criteria.criterion import DRIVER, LANE
@@ -25,6 +25,7 @@ from frenetic.report.orientation import turn_of
 from frenetic.road import Road, profile
 from frenetic.search.operator_names import OPERATOR_DESCRIPTIONS, RANDOM
 from frenetic.search.records import Origin
+from frenetic.segments.segment import Segment
 
 RATE: Final = 10.0
 """Rate of a drive's records in a page, in Hz; our choice."""

@@ -26,14 +26,14 @@ import numpy as np
 import numpy.typing as npt
 
 from frenetic._support.arrays import FloatArray
-from frenetic.analysis.bends import bend_of_place, bends_of
-from frenetic.analysis.segments import Segment, segment_of
 from frenetic.criteria.criterion import DRIVER, EDGE_DISTANCE, LANE, signal_named
 from frenetic.oracle.assessment import STUCK, TIMED_OUT
 from frenetic.oracle.drive import Drive
 from frenetic.oracle.outcome import Outcome
 from frenetic.oracle.verdict import Side, judge
 from frenetic.road import Road
+from frenetic.segments.bends import bend_of_place, bends_of
+from frenetic.segments.segment import Segment, segment_of
 
 # The values are our choice.
 SETTLED_SPEED: Final = 0.1

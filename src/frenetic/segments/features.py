@@ -12,10 +12,10 @@ from typing import Final, TypeAlias
 import numpy as np
 
 from frenetic._support.arrays import FloatArray
-from frenetic.analysis.bends import heading_range
-from frenetic.analysis.segments import Segment
 from frenetic.criteria.criterion import signal_named
 from frenetic.oracle.signals import series
+from frenetic.segments.bends import heading_range
+from frenetic.segments.segment import Segment
 
 HEADING_BINS: Final = 10
 """Number of bins of heading in the full circle, 36 degrees each, as in the competition."""
