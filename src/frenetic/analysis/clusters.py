@@ -30,7 +30,6 @@ from frenetic._support.arrays import FloatArray
 from frenetic._support.words import counted, lane_words
 from frenetic.analysis.failures import Failure, describe, failures_of
 from frenetic.analysis.linkage import link
-from frenetic.analysis.segments import segments_of
 from frenetic.campaign.evaluation import evaluation_of
 from frenetic.campaign.objective import MOOBD, Objective
 from frenetic.campaign.record import Test
@@ -275,8 +274,8 @@ def nearest_misses(store: CampaignStore, number: int = NEAR_MISSES) -> Clusters:
     """
     clusters = Clusters((), THRESHOLD)
     for limit in _PASSES_COMPARED:
-        passes = segments_of(store, Outcome.PASS, order_by="moobd", limit=limit, with_repeats=False)
-        misses = (Failure.of_judged(test.result, segment, test.id) for test, segment in passes)
+        passes = store.tests(Outcome.PASS, "moobd", limit, with_segments=True, with_repeats=False)
+        misses = map(Failure.of_driven, passes)
         clusters = cluster_failures(miss for miss in misses if miss is not None)
         if len(clusters) >= number or clusters.failures < limit:
             break

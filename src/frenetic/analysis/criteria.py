@@ -40,15 +40,12 @@ def _driven_text(store: CampaignStore, needed_time: float) -> str:
         needed_time: driving time that the criteria ask for, in s.
     """
     time, slowest, fastest, sharpest = 0.0, math.inf, 0.0, 0.0
-    for test in store.tests(with_trajectory=True, with_repeats=False):
-        if test.outcome.is_driven and test.trajectory is not None and len(test.trajectory):
+    for test in store.tests(with_segments=True, with_repeats=False):
+        if (values := test.segment_values) is not None:
             time += test.result.duration or 0.0
-            # The car starts at rest: the slowest speed counts once it has half the largest.
-            speed = test.trajectory.speed * 3.6
-            under_way = speed[int(np.argmax(speed >= 0.5 * speed.max())) :]
-            slowest = min(slowest, float(under_way.min()))
-            fastest = max(fastest, float(speed.max()))
-            sharpest = max(sharpest, float(np.abs(test.road.curvatures).max()))
+            slowest = min(slowest, 3.6 * values.slowest)
+            fastest = max(fastest, 3.6 * values.fastest)
+            sharpest = max(sharpest, float(np.abs(test.candidate.curvatures).max()))
     if time == 0.0:
         return ""
     text = f"driven for {time / 60.0:.1f} min at {slowest:.0f} to {fastest:.0f} km/h"

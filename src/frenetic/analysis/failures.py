@@ -14,20 +14,18 @@ from typing import Final
 import numpy as np
 
 from frenetic._support.arrays import FloatArray
-from frenetic.analysis.segments import segment_of_test
 from frenetic.campaign.record import Test
 from frenetic.campaign.store import CampaignStore
 from frenetic.criteria.criterion import EDGE_DISTANCE
 from frenetic.errors import Fault
-from frenetic.oracle.drive_assessment import Assessment
 from frenetic.oracle.outcome import Outcome
 from frenetic.oracle.verdict import Result, Side
 from frenetic.road import LANE_WIDTH
-from frenetic.search.approach import ROAD_SIZE, STATES, as_vector, road_around, states_before
-from frenetic.search.records import Trace
+from frenetic.search.approach import ROAD_SIZE, STATES, as_vector
 from frenetic.segments.bends import place_text
-from frenetic.segments.causes import Cause, Kind, as_text, cause_of
+from frenetic.segments.causes import Cause, Kind, as_text
 from frenetic.segments.segment import Segment
+from frenetic.segments.values import SegmentValues
 
 _KM_H: Final = 3.6  # km/h in 1 m/s
 _MENTIONED_SLOWING: Final = 3.0  # [m/s] least loss of speed that is mentioned (our choice)
@@ -98,27 +96,58 @@ class Failure:
             return None
         if segment is None:
             return None if result.fault is None else cls._of_fault(result.fault, id)
-        is_near_miss = result.outcome is Outcome.PASS
-        has_cause = not is_near_miss and result.fault is None
-        road, place, assessment = segment.road, segment.place, segment.assessment
-        speed = segment.drive.trajectory.speed[: len(assessment.distance)]
-        trace = Trace(assessment.distance, assessment.lateral_offset, speed)
-        offsets, speeds = states_before(trace, place)
+        road = segment.road
+        values = SegmentValues.of(segment, result)
+        return cls._of_values(id, result, values, road.curvatures, road.step, road.lane_width)
+
+    @classmethod
+    def of_driven(cls, test: Test) -> Failure | None:
+        """Return the failure of a stored test that failed, or the near miss of a test that passed.
+
+        The test was read with its trajectory or with the values of its segment.
+
+        Returns:
+            None if the drive was not judged, or has no records and no fault ended it.
+
+        Raises:
+            CampaignError: the campaign does not record how the road was driven.
+        """
+        result, values = test.result, test.segment_values
+        if not result.outcome.is_driven:
+            return None
+        if values is None:
+            return None if result.fault is None else cls._of_fault(result.fault, test.id)
+        candidate = test.candidate
+        return cls._of_values(
+            test.id, result, values, candidate.curvatures, candidate.step, test.lane_width
+        )
+
+    @classmethod
+    def _of_values(
+        cls,
+        id: int,  # noqa: A002
+        result: Result,
+        values: SegmentValues,
+        curvatures: FloatArray,
+        step: float,
+        lane_width: float,
+    ) -> Failure:
+        """Return the failure of a judged drive with records."""
         return cls(
             id=id,
             moobd=result.moobd or 0.0,
-            side=_nearer_side(assessment) if is_near_miss else segment.side,
-            curvatures=road.curvatures,
-            step=road.step,
-            place=place,
-            road=road_around(road.table, road.sub_step, place),
-            offsets=offsets,
-            speeds=speeds,
-            is_near_miss=is_near_miss,
-            lane_width=road.lane_width,
+            side=values.side,
+            curvatures=curvatures,
+            step=step,
+            place=values.place,
+            road=values.road,
+            offsets=values.offsets,
+            speeds=values.speeds,
+            is_near_miss=result.outcome is Outcome.PASS,
+            lane_width=lane_width,
             fault=result.fault,
-            cause=cause_of(segment) if has_cause else None,
-            criterion=segment.criterion,
+            cause=values.cause,
+            criterion=values.criterion,
         )
 
     @classmethod
@@ -142,7 +171,7 @@ class Failure:
         """Return the failure of a stored test; None if the test did not fail, see `of_judged`."""
         if test.outcome is not Outcome.FAIL:
             return None
-        return cls.of_judged(test.result, segment_of_test(test), test.id)
+        return cls.of_driven(test)
 
     def difference(self, other: Failure) -> float:
         """Return the difference from another failure in m; the sides of the lane do not count.
@@ -160,12 +189,6 @@ class Failure:
         return as_vector(self.road, self.offsets, self.speeds)
 
 
-def _nearer_side(assessment: Assessment) -> Side:
-    """Return the side of the lane's edge that the car came nearest to."""
-    nearest = int(np.argmin(assessment.oob_distance))
-    return "left" if assessment.lateral_offset[nearest] > 0.0 else "right"
-
-
 def failures_of(store: CampaignStore, limit: int | None = None) -> list[Failure]:
     """Return the failures of a campaign, the most severe first, at most ``limit`` of them.
 
@@ -174,7 +197,7 @@ def failures_of(store: CampaignStore, limit: int | None = None) -> list[Failure]
     Raises:
         CampaignError: the campaign is damaged.
     """
-    tests = store.tests(Outcome.FAIL, "moobd", limit, with_trajectory=True, with_repeats=False)
+    tests = store.tests(Outcome.FAIL, "moobd", limit, with_segments=True, with_repeats=False)
     return [failure for failure in map(Failure.of_test, tests) if failure is not None]
 
 

@@ -6,13 +6,12 @@ import math
 from collections.abc import Collection, Iterable, Mapping
 from typing import Final
 
-from frenetic.analysis.segments import segment_of_test
 from frenetic.campaign.record import Test
 from frenetic.campaign.store import CampaignStore
 from frenetic.conditions.condition import condition_named, known_conditions
 from frenetic.errors import UnknownNameError
 from frenetic.oracle.outcome import Outcome, chosen_outcomes
-from frenetic.segments.features import FEATURES, Features, features_of
+from frenetic.segments.features import FEATURES, Features
 
 ORDERS: Final = ("severity", "tested", "duration")
 """Orders that need no features: lowest MOOBD first, order of the results, longest drive first."""
@@ -29,9 +28,8 @@ def list_tests(
 
     Tests come without their trajectories, each with those features and conditions by which the list
     is filtered and sorted. A test without the value by which the list is sorted comes last.
-    Features are measured on the segment around the departure, or else the least oob distance; they
-    take about a millisecond for each test. For a condition that a test lacks, the amount
-    without effect counts.
+    Features are those of the segment around the departure, or else the least oob distance. For a
+    condition that a test lacks, the amount without effect counts.
 
     Args:
         store: the campaign.
@@ -58,8 +56,8 @@ def list_tests(
             raise ValueError(f"{name} from {low:g} to {high:g}: the lower end comes first")
     listed = [
         (test, values)
-        for test in store.tests()
-        if test.outcome in wanted and _lies_within(values := _values(store, test, names), within)
+        for test in store.tests(with_segments=not FEATURES.keys().isdisjoint(names))
+        if test.outcome in wanted and _lies_within(values := _values(test, names), within)
     ]
     return sorted(listed, key=lambda row: _sort_key(row[0], row[1], sort))
 
@@ -69,13 +67,11 @@ def _lies_within(values: Features, within: Mapping[str, tuple[float, float]]) ->
     return all(low <= values.get(name, math.nan) <= high for name, (low, high) in within.items())
 
 
-def _values(store: CampaignStore, test: Test, names: Collection[str]) -> Features:
+def _values(test: Test, names: Collection[str]) -> Features:
     """Return the named features and conditions that a test has."""
     values: dict[str, float] = {}
-    if not FEATURES.keys().isdisjoint(names) and test.outcome.is_driven:
-        segment = segment_of_test(store.test(test.id))
-        if segment is not None:
-            values |= features_of(segment)
+    if test.segment_values is not None:
+        values |= test.segment_values.features
     for name in names:
         if name not in FEATURES:
             amount = test.candidate.conditions.get(name, condition_named(name).no_effect)

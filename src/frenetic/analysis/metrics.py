@@ -15,14 +15,13 @@ from frenetic._support.arrays import FloatArray, IntArray, evenly
 from frenetic.analysis.clusters import cluster_failures
 from frenetic.analysis.failures import Failure
 from frenetic.analysis.official_segment import failure_segment
-from frenetic.analysis.segments import segment_of_test
 from frenetic.analysis.sparseness import MOST_COMPARED, largest_distances, unlike_lines
 from frenetic.campaign.counts import Counts
 from frenetic.campaign.record import Test
 from frenetic.campaign.store import CampaignStore
 from frenetic.oracle.outcome import Outcome
 from frenetic.road import LANE_WIDTH
-from frenetic.segments.features import FEATURES, features_of
+from frenetic.segments.features import FEATURES
 
 Curve: TypeAlias = Literal["distinct_after", "failures_after"]
 """Name of a curve of `CampaignMeasures`."""
@@ -238,7 +237,7 @@ def measure_campaign(folder: Path | str) -> CampaignMeasures:
             if test.outcome is Outcome.FAIL and test.id not in repeats:
                 failed_after[test.id] = simulations
         diversity = _Diversity()
-        for test in store.tests(Outcome.FAIL, with_trajectory=True):
+        for test in store.tests(Outcome.FAIL, with_segments=True):
             # The others are repeats, or newer than the first reading of a running campaign.
             if test.id in failed_after:
                 diversity.add(test)
@@ -272,14 +271,13 @@ class _Diversity:
         self._official_segments: list[FloatArray] = []
 
     def add(self, test: Test) -> None:
-        """Add a failed test, read with its trajectory."""
-        segment = segment_of_test(test)
-        failure = Failure.of_judged(test.result, segment, test.id)
+        """Add a failed test, read with the values of its segment."""
+        failure = Failure.of_test(test)
         if failure is not None:
             self.failures.append(failure)
-        if segment is None:
+        if test.segment_values is None:
             return
-        features = features_of(segment)
+        features = test.segment_values.features
         self.cells.add(tuple(FEATURES[name].bin(features[name]) for name in MAP_AXES))
         self.roads.append(test.road.sample(ROAD_SPACING))
         official_segment = failure_segment(test)

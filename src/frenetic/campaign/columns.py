@@ -1,4 +1,4 @@
-"""The columns of a campaign's database: each value of a candidate, a test and a finding.
+"""The columns of a campaign's database: each value of a candidate, test, finding and segment.
 
 The database's tables, the records that are read from them and the exported tables follow from these
 columns.
@@ -22,7 +22,12 @@ from frenetic.campaign.record import Test
 from frenetic.oracle.drive import Trajectory
 from frenetic.oracle.verdict import Finding
 from frenetic.road import Pose
+from frenetic.search.approach import SIZE
 from frenetic.search.records import Candidate
+from frenetic.segments.causes import Cause
+from frenetic.segments.causes import Kind as CauseKind
+from frenetic.segments.features import FEATURES
+from frenetic.segments.values import SegmentValues
 from frenetic.spec.terms import DriveSetting
 
 Kind: TypeAlias = Literal["INTEGER", "REAL", "TEXT", "JSON", "REALS", "PAIRS"]
@@ -212,6 +217,28 @@ FINDING_COLUMNS: Final = tuple(
 )
 """Columns of a finding, which follow the id of its test and its number in the test."""
 
+SEGMENT_COLUMNS: Final = (
+    Column("place", "place", "REAL", "distance along the road to the segment's place", "m"),
+    Column("side", "side", "TEXT", "side of the finding, or of the lane's nearer edge"),
+    Column("criterion", "criterion", "TEXT", "criterion of the finding"),
+    Column("cause", "cause.kind.name", "TEXT", "kind of the failure's cause"),
+    Column("bend_side", "cause.bend_side", "TEXT", "side to which the bends of the cause turn"),
+    *(
+        Column(feature.name, f"features.{feature.name}", "REAL", feature.description, feature.unit)
+        for feature in FEATURES.values()
+    ),
+    Column("slowest", "slowest", "REAL", "least speed once it was half of the largest", "m/s"),
+    Column("fastest", "fastest", "REAL", "largest speed of the drive", "m/s"),
+    Column(
+        "approach",
+        "approach",
+        "REALS",
+        "19 points of the road around the place, then 13 offsets and 13 speeds before it",
+    ),
+)
+"""Columns of the segment of a judged drive, see `frenetic.segments.values`. They follow the id of
+its test."""
+
 TEST_COLUMNS: Final = (*CANDIDATE_COLUMNS, *RESULT_COLUMNS)
 """Columns of a test: a candidate with its result."""
 
@@ -233,7 +260,7 @@ def value_at(record: Any, path: Sequence[str]) -> Any:
     for name in path:
         if value is None:
             return None
-        value = getattr(value, name)
+        value = value[name] if isinstance(value, dict) else getattr(value, name)
     return value
 
 
@@ -271,6 +298,43 @@ def read_test(
     values["result"]["findings"] = [dict(zip(names, finding, strict=True)) for finding in findings]
     test: Test = convert(values, Test)
     return replace(test, trajectory=trajectory, setting=setting)
+
+
+def read_segment(row: Sequence[Any]) -> SegmentValues:
+    """Return the values of a segment in a row of `SEGMENT_COLUMNS`.
+
+    Raises:
+        ValueError: the row is damaged.
+    """
+    place, side, criterion, kind, bend_side, *numbers, slowest, fastest, approach = row
+    if None in (place, *numbers, slowest, fastest, approach) or len(approach) != 8 * SIZE:
+        raise ValueError("a value of its segment is missing")
+    cause = None
+    if kind is not None:
+        cause_kind = _kind_of_cause(kind)
+        exceeded = criterion if cause_kind is CauseKind.EXCEEDS else ""
+        cause = Cause(cause_kind, bend_side, exceeded)
+    return SegmentValues(
+        place=place,
+        side=side,
+        criterion=criterion,
+        cause=cause,
+        features=dict(zip(FEATURES, numbers, strict=True)),
+        slowest=slowest,
+        fastest=fastest,
+        approach=np.frombuffer(approach, "<f8").astype(np.float64, copy=False),
+    )
+
+
+def _kind_of_cause(name: str) -> CauseKind:
+    """Return the kind of cause with this name.
+
+    Raises:
+        ValueError: no kind has this name.
+    """
+    if name not in CauseKind.__members__:
+        raise ValueError(f"its cause is {name!r}, which this version of frenetic does not know")
+    return CauseKind[name]
 
 
 def _nested(columns: Sequence[Column], row: Sequence[Any]) -> dict[str, Any]:

@@ -15,6 +15,7 @@ from frenetic.campaign.columns import (
     CANDIDATE_COLUMNS,
     FINDING_COLUMNS,
     RESULT_COLUMNS,
+    SEGMENT_COLUMNS,
     TEST_COLUMNS,
     row_of,
 )
@@ -24,7 +25,7 @@ from frenetic.errors import CampaignError
 
 DATABASE: Final = "campaign.sqlite"
 """Name of the database in a campaign's folder."""
-FORMAT: Final = 7
+FORMAT: Final = 8
 """Format of the database (`PRAGMA user_version`); a database of another format is refused."""
 APPLICATION_ID: Final = int.from_bytes(b"FrnC")
 """Number that marks a SQLite file as a campaign of ours (`PRAGMA application_id`)."""
@@ -127,13 +128,27 @@ class Tables:
 
 TESTS: Final = Tables("test", "finding", "test")
 EARLIER_TESTS: Final = Tables("earlier_test", "earlier_finding", "earlier test")
+SEGMENT: Final = "segment"
+"""Name of the table of the segments of judged drives."""
+INSERT_SEGMENT: Final = f"INSERT INTO {SEGMENT} VALUES ({_placeholders(1 + len(SEGMENT_COLUMNS))})"  # noqa: S608
+"""Statement that adds a segment: the id of its test, then the values of `SEGMENT_COLUMNS`."""
 _SCHEMA: Final = f"""
 PRAGMA application_id = {APPLICATION_ID};
 PRAGMA user_version = {FORMAT};
 CREATE TABLE fact (name TEXT PRIMARY KEY, value TEXT NOT NULL) STRICT, WITHOUT ROWID;
 {TESTS.schema}
 {EARLIER_TESTS.schema}
+CREATE TABLE {SEGMENT} (
+    test INTEGER PRIMARY KEY REFERENCES {TESTS.test} (id),
+    {comma_list([f"{column.name} {column.sql_type}" for column in SEGMENT_COLUMNS])}
+) STRICT;
 """
+
+
+def select_segments(count: int) -> str:
+    """Return the statement that reads the segments of `count` tests."""
+    columns = comma_list([column.name for column in SEGMENT_COLUMNS])
+    return f"SELECT test, {columns} FROM {SEGMENT} WHERE test IN ({_placeholders(count)})"  # noqa: S608
 
 
 def connect(path: Path, options: str) -> sqlite3.Connection:

@@ -344,7 +344,9 @@ class Dispatcher:
         )
         if self._observing is not None:
             self._observing.observe(attempt)
-        evaluation = evaluation_of(test, attempt.stored_trajectory, self._plan.objective)
+        driven = replace(test, trajectory=attempt.stored_trajectory())
+        evaluation = evaluation_of(driven, lambda: driven.trajectory, self._plan.objective)
+        test = replace(test, stored_values=driven.segment_values)
         if evaluation.objective is not None:
             test = replace(test, objective=self._plan.objective.value_of(evaluation))
         self._store.add_result(test, attempt.packed)

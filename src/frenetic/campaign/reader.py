@@ -16,7 +16,7 @@ from msgspec import convert
 from frenetic._support.json_value import JSONValue
 from frenetic._support.notebook import NotebookRepr
 from frenetic._support.outside_text import read_json
-from frenetic.campaign.columns import read_candidate, read_test
+from frenetic.campaign.columns import read_candidate, read_segment, read_test
 from frenetic.campaign.counts import Counts, FirstTests, road_key
 from frenetic.campaign.database import (
     DATABASE,
@@ -25,6 +25,7 @@ from frenetic.campaign.database import (
     Tables,
     comma_list,
     errors_about,
+    select_segments,
 )
 from frenetic.campaign.record import Test
 from frenetic.campaign.trajectory_codec import decode
@@ -33,6 +34,7 @@ from frenetic.oracle.drive import Trajectory
 from frenetic.oracle.outcome import Outcome
 from frenetic.road import LANE_WIDTH, profile
 from frenetic.search.records import Candidate
+from frenetic.segments.values import SegmentValues
 from frenetic.spec.terms import DriveSetting
 
 EARLIER_SETTINGS: Final = "earlier_settings"
@@ -151,6 +153,7 @@ class CampaignReader(NotebookRepr):
         with_trajectory: bool | Container[int] = False,
         *,
         with_repeats: bool = True,
+        with_segments: bool | Container[int] = False,
     ) -> Iterator[Test]:
         """Yield the tests that are stored at this moment; later tests do not show up.
 
@@ -163,6 +166,9 @@ class CampaignReader(NotebookRepr):
                 trajectories to read.
             with_repeats: whether to yield tests that repeat an earlier test, too, see `repeats`;
                 measures leave them out.
+            with_segments: whether to read the values of the tests' segments; or the ids of the
+                tests whose values to read. Of a test whose values are not stored, the trajectory
+                is read, from which they follow.
 
         Raises:
             CampaignError: a test is damaged or missing.
@@ -181,7 +187,9 @@ class CampaignReader(NotebookRepr):
         return (
             test
             for start in range(0, len(ids), _BATCH)
-            for test in self._read(ids[start : start + _BATCH], with_trajectory)
+            for test in self._read(
+                ids[start : start + _BATCH], with_trajectory, with_segments=with_segments
+            )
         )
 
     def _ids(self, select: str) -> list[int]:
@@ -273,19 +281,34 @@ class CampaignReader(NotebookRepr):
         ids: Sequence[int],
         with_trajectory: bool | Container[int] = False,
         tables: Tables = TESTS,
+        *,
+        with_segments: bool | Container[int] = False,
     ) -> list[Test]:
         """Return the tests with these ids, in the order of the ids."""
         with_path = ids if with_trajectory is True else with_trajectory or ()
+        with_values = ids if with_segments is True else with_segments or ()
+        segments = self._segments([number for number in ids if number in with_values])
         setting = self._setting if isinstance(self._setting, DriveSetting) else None
         findings: dict[int, list[Sequence[Any]]] = {}
         for number, *values in self._select(tables.select_findings(len(ids)), ids):
             findings.setdefault(number, []).append(values)
         tests = []
         for row in self._rows(ids, tables):
-            path = self._trajectory(row[0], tables) if row[0] in with_path else None
+            values = segments.get(row[0])
+            needs_path = row[0] in with_path or (row[0] in with_values and values is None)
+            path = self._trajectory(row[0], tables) if needs_path else None
             with self._reading(f"{tables.label} {row[0]}"):
-                tests.append(read_test(row, findings.get(row[0], ()), path, setting))
+                test = read_test(row, findings.get(row[0], ()), path, setting)
+            tests.append(test if values is None else replace(test, stored_values=values))
         return tests
+
+    def _segments(self, ids: Sequence[int]) -> dict[int, SegmentValues]:
+        """Return the stored values of the segments of these tests, by id."""
+        segments = {}
+        for number, *row in self._select(select_segments(len(ids)), ids):
+            with self._reading(f"test {number}"):
+                segments[number] = read_segment(row)
+        return segments
 
     def _read_candidates(self, ids: Sequence[int]) -> list[Candidate]:
         candidates = []

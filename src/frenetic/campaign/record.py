@@ -18,6 +18,8 @@ from frenetic.oracle.outcome import Outcome
 from frenetic.oracle.verdict import Finding, Result, unusable_result
 from frenetic.road import Pose, Road
 from frenetic.search.records import Candidate
+from frenetic.segments.segment import segment_of
+from frenetic.segments.values import SegmentValues
 from frenetic.spec.terms import DriveSetting
 
 
@@ -141,6 +143,8 @@ class Test(NotebookRepr):
     """Value that the campaign minimises or maximises; None for the MOOBD, or without a drive."""
     setting: DriveSetting | None = None
     """Setting of the drive; None if the campaign does not record it."""
+    stored_values: SegmentValues | None = None
+    """Values of the drive's segment as the database holds them; None if they were not read."""
 
     @classmethod
     def of(
@@ -197,6 +201,15 @@ class Test(NotebookRepr):
         """Where and when the car left its lane; None if it did not."""
         return self.result.departure
 
+    @property
+    def lane_width(self) -> float:
+        """Width of each lane, in m.
+
+        Raises:
+            CampaignError: the campaign does not record it.
+        """
+        return self._setting.lane_width
+
     @cached_property
     def road(self) -> Road:
         """Road in its place on the map, or in its default place if it fits nowhere.
@@ -226,6 +239,21 @@ class Test(NotebookRepr):
             self.road,
             Trouble(self.reason, fault=fault) if broke else None,
         )
+
+    @cached_property
+    def segment_values(self) -> SegmentValues | None:
+        """Values of the drive's segment: stored values, or measured on the trajectory.
+
+        None if the drive was not judged or has no records, or neither was read.
+
+        Raises:
+            CampaignError: the campaign does not record the car.
+        """
+        if self.stored_values is not None or not self.outcome.is_driven:
+            return self.stored_values
+        if (drive := self.drive) is None or not len(drive.trajectory):
+            return None
+        return SegmentValues.of(segment_of(self.road, drive, self.result.finding), self.result)
 
     def __repr__(self) -> str:
         """The test at a glance."""

@@ -8,6 +8,7 @@ SQLite can read it, while the campaign runs and long afterwards:
 | fact | fact about the campaign (JSON), such as its configuration and the times of start and end |
 | test | candidate of the strategy, with its result and drive as soon as the strategy knows them |
 | finding | breach of a criterion in a drive |
+| segment | drive that was judged: values of the segment around its place |
 | earlier_test | test of another campaign, or real road, from which the search starts |
 | earlier_finding | breach of a criterion in an earlier test |
 
@@ -26,6 +27,7 @@ import os
 import sqlite3
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, Final, Self
@@ -36,10 +38,11 @@ from frenetic._support.files import FolderInUse
 from frenetic._support.json_value import JSONValue, plain
 from frenetic._support.outside_text import read_json
 from frenetic._support.words import counted, present_moment
-from frenetic.campaign.columns import CANDIDATE_COLUMNS, row_of
+from frenetic.campaign.columns import CANDIDATE_COLUMNS, SEGMENT_COLUMNS, row_of
 from frenetic.campaign.database import (
     DATABASE,
     EARLIER_TESTS,
+    INSERT_SEGMENT,
     TESTS,
     check_identity,
     connect,
@@ -50,8 +53,10 @@ from frenetic.campaign.database import (
 from frenetic.campaign.lock import lock_file
 from frenetic.campaign.reader import CampaignReader
 from frenetic.campaign.record import Test
+from frenetic.campaign.trajectory_codec import decode, encode
 from frenetic.errors import CampaignError, CampaignGoneError
 from frenetic.search.records import Candidate
+from frenetic.segments.values import SegmentValues
 
 LOCK: Final = "campaign.lock"
 """Name of the lock file in a campaign's folder."""
@@ -79,7 +84,8 @@ class CampaignStore(CampaignReader):
         self._opened_file = self._path.stat()
         self._in_use = FolderInUse(folder)
         self._waiting: dict[str, list[tuple[Any, ...]]] = {  # rows of the next transaction
-            statement: [] for statement in (TESTS.insert, TESTS.update, TESTS.insert_finding)
+            statement: []
+            for statement in (TESTS.insert, TESTS.update, TESTS.insert_finding, INSERT_SEGMENT)
         }
         ((self._last_id, self._result_count),) = self._select(
             "SELECT coalesce(max(id), 0), count(result_number) FROM test"
@@ -287,9 +293,26 @@ class CampaignStore(CampaignReader):
             ValueError: a number is not finite.
         """
         self._require_writer()
+        if packed is None and test.trajectory is not None:
+            packed = encode(test.trajectory)
+            test = replace(test, records=len(test.trajectory))
         for statement, rows in TESTS.rows_of(test, packed).items():
             self._waiting[statement] += rows
+        values = test.stored_values or self._measure(test, packed)
+        if values is not None:
+            self._waiting[INSERT_SEGMENT].append((test.id, *row_of(values, SEGMENT_COLUMNS)))
         self._result_count += 1
+
+    def _measure(self, test: Test, packed: bytes | None) -> SegmentValues | None:
+        """Return the values of a test's segment, from the trajectory as it is stored.
+
+        None if the drive was not judged or has no records, or the campaign does not record how it
+        was driven.
+        """
+        if packed is None or not test.outcome.is_driven or isinstance(self._setting, str):
+            return None
+        setting = test.setting or self._setting
+        return replace(test, trajectory=decode(packed), setting=setting).segment_values
 
     def write(self) -> None:
         """Store all candidates and results that wait, durably.

@@ -94,7 +94,7 @@ class Findings:
     @property
     def failures(self) -> list[Test]:
         """The most severe failures, each of which gets a file."""
-        return [test for test, _ in self.reading.failures.values()]
+        return list(self.reading.failures)
 
 
 @dataclass(frozen=True)

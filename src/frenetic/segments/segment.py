@@ -9,8 +9,9 @@ from typing import Final
 import numpy as np
 
 from frenetic._support.arrays import FloatArray
-from frenetic.oracle.assessment import Assessment, assess
+from frenetic.oracle.assessment import assess
 from frenetic.oracle.drive import Drive
+from frenetic.oracle.drive_assessment import Assessment
 from frenetic.oracle.signals import LocatedDrive
 from frenetic.oracle.verdict import Finding, Side, locate_drive
 from frenetic.road import Road
@@ -106,7 +107,7 @@ def segment_of(road: Road, drive: Drive, finding: Finding | None) -> Segment:
     """
     if len(drive.trajectory) == 0:
         raise ValueError("a drive without records has no segment: drive the road first")
-    assessment = assess(road, drive, has_shares=False)
+    assessment = assess(road, drive, has_all_shares=False)
     n = len(assessment.distance)
     if finding is not None:
         record = int(np.argmin(np.abs(drive.trajectory.time[:n] - finding.time)))

@@ -128,7 +128,7 @@ def campaign_report(
     coverage = domain_coverage(store.setting, store.tests())
     driven = [test.conditions for test in tests if test.outcome.is_driven]
     axes = varied_axes(driven) if coverage is None else coverage.axes
-    drives = _drives(store, reading, shown)
+    drives = _drives(store, shown)
     # In the feature map, the tests to show come first.
     order = [i for i in dict.fromkeys([*shown, *reading.mapped]) if i in reading.mapped]
     mapped = {i: reading.mapped[i] for i in order}
@@ -160,12 +160,11 @@ def campaign_report(
     )
 
 
-def _drives(store: CampaignStore, reading: Reading, shown: Sequence[int]) -> list[dict[str, Any]]:
+def _drives(store: CampaignStore, shown: Sequence[int]) -> list[dict[str, Any]]:
     """Return the data of the first tests to show, as many as there is room for.
 
     Args:
         store: the campaign.
-        reading: the campaign's tests.
         shown: ids of the tests to show, the most important first.
     """
     drives: list[dict[str, Any]] = []
@@ -176,11 +175,8 @@ def _drives(store: CampaignStore, reading: Reading, shown: Sequence[int]) -> lis
     for test_id in shown:
         if drive_bytes_left <= 0:
             break
-        if test_id in reading.failures:
-            record, segment = reading.failures[test_id]
-        else:
-            record = store.test(test_id)
-            segment = segment_of_test(record)
+        record = store.test(test_id)
+        segment = segment_of_test(record)
         if segment is None:
             continue
         data = drive_data(test_id, record.result, segment, record.candidate.origin)

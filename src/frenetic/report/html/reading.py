@@ -9,7 +9,6 @@ from typing import Any
 
 from frenetic.analysis.clusters import COMPARED, Clusters, distinct_among, nearest_misses
 from frenetic.analysis.failures import Failure
-from frenetic.analysis.segments import segment_of_test
 from frenetic.campaign.counts import Counts
 from frenetic.campaign.record import Test
 from frenetic.campaign.store import CampaignStore
@@ -18,8 +17,7 @@ from frenetic.report.failures import MOST_FILES
 from frenetic.report.html.feature_map import choose_mapped
 from frenetic.report.html.tests import TestSummary
 from frenetic.search.records import Candidate
-from frenetic.segments.features import Features, features_of
-from frenetic.segments.segment import Segment
+from frenetic.segments.features import Features
 
 
 @dataclass(frozen=True)
@@ -36,8 +34,8 @@ class Reading:
     """The nearest misses; None if a test failed."""
     mapped: Mapping[int, tuple[Features, Candidate]]
     """Id of a test in the feature map -> its features and its candidate."""
-    failures: Mapping[int, tuple[Test, Segment | None]]
-    """Id of a most severe failure -> the test and its segment; None without records."""
+    failures: Sequence[Test]
+    """The most severe failures, at most `MOST_FILES`, without their trajectories."""
     finished_at: str = ""
     """When the campaign ended; empty if it had not ended when its tests were read."""
 
@@ -68,17 +66,16 @@ class Reading:
         to_write = {row[0] for row in failed[:MOST_FILES]}
         counts, tests = Counts(), []
         failures: list[Failure] = []
-        mapped, severe = {}, {}
-        for record in store.tests(with_trajectory=to_map | to_compare):
+        mapped, severe = {}, []
+        for record in store.tests(with_segments=to_map | to_compare):
             tests.append(TestSummary.of(record, is_repeat=record.id in repeats))
             counts.add(record.candidate, record.outcome, record.moobd)
-            segment = segment_of_test(record)
             if record.id in to_compare:
-                failures += filter(None, [Failure.of_judged(record.result, segment, record.id)])
-            if record.id in to_map and segment is not None:
-                mapped[record.id] = features_of(segment), record.candidate
+                failures += filter(None, [Failure.of_test(record)])
+            if record.id in to_map and record.segment_values is not None:
+                mapped[record.id] = record.segment_values.features, record.candidate
             if record.id in to_write:
-                severe[record.id] = record, segment
+                severe.append(record)
         clusters = distinct_among(store, failures)
         misses = None if counts.failed else nearest_misses(store)
         return cls(tests, counts, clusters, misses, mapped, severe, finished_at)
