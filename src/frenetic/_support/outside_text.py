@@ -97,7 +97,10 @@ def _check_depth(value: object) -> None:
 def _read(parse: Callable[[str], Any], text: str | bytes) -> Any:
     """Parse a text and check its depth; raise the errors that `read_json` lists."""
     try:
-        value = parse(text if isinstance(text, str) else text.decode("utf-8-sig"))
+        text = text if isinstance(text, str) else text.decode("utf-8-sig")
+        # Each level of JSON opens a bracket; keys of TOML open levels by dots, too.
+        is_flat = text.count("[") + text.count("{") + text.count(".") <= MAX_DEPTH
+        value = parse(text)
     except BeyondLimitsError:
         raise
     except RecursionError:
@@ -108,5 +111,6 @@ def _read(parse: Callable[[str], Any], text: str | bytes) -> Any:
         if "integer string conversion" in str(error):
             raise BeyondLimitsError(_TOO_LARGE) from None
         raise ValueError(" ".join(str(error).split())[:_MAX_MESSAGE]) from None
-    _check_depth(value)
+    if not is_flat:
+        _check_depth(value)
     return value

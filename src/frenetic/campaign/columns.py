@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Sequence
-from dataclasses import dataclass, fields, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields
 from functools import cached_property
 from json import JSONEncoder
 from typing import Any, Final, Literal, TypeAlias
@@ -52,6 +52,16 @@ class Column:
     def attributes(self) -> list[str]:
         """The attributes of the path, one after the other."""
         return self.path.split(".")
+
+    @cached_property
+    def parent(self) -> str:
+        """The path without its last attribute."""
+        return ".".join(self.attributes[:-1])
+
+    @cached_property
+    def is_encoded(self) -> bool:
+        """Whether SQLite's value differs from the value."""
+        return self.kind not in ("INTEGER", "REAL", "TEXT")
 
     @property
     def sql_type(self) -> str:
@@ -96,7 +106,7 @@ class Column:
         if value is None:
             return None
         if self.kind == "JSON":
-            return read_json(value)
+            return _EMPTY_JSON[value]() if value in _EMPTY_JSON else read_json(value)
         if self.kind in ("REALS", "PAIRS"):
             values = np.frombuffer(value, "<f8").astype(np.float64, copy=False)
             if not np.isfinite(values).all():
@@ -107,6 +117,8 @@ class Column:
 
 _FINITE_JSON: Final = JSONEncoder(ensure_ascii=False, allow_nan=False)
 """Encoder that refuses NaN and infinity; msgspec's would write null for them."""
+_EMPTY_JSON: Final[Mapping[str, type]] = {"[]": list, "{}": dict}
+"""Texts of most values -> the type of the value."""
 _HALF_CHARACTER: Final = re.compile("[\ud800-\udfff]")
 """Half of a surrogate pair, which is no character and not allowed in UTF-8."""
 
@@ -216,6 +228,7 @@ FINDING_COLUMNS: Final = tuple(
     for item in fields(Finding)
 )
 """Columns of a finding, which follow the id of its test and its number in the test."""
+_FINDING_NAMES: Final = tuple(column.name for column in FINDING_COLUMNS)
 
 SEGMENT_COLUMNS: Final = (
     Column("place", "place", "REAL", "distance along the road to the segment's place", "m"),
@@ -279,6 +292,7 @@ def read_test(
     findings: Sequence[Sequence[Any]] = (),
     trajectory: Trajectory | None = None,
     setting: DriveSetting | None = None,
+    stored_values: SegmentValues | None = None,
 ) -> Test:
     """Return the test in a row of `TEST_COLUMNS`.
 
@@ -287,6 +301,7 @@ def read_test(
         findings: rows of the test's findings, each with the values of `FINDING_COLUMNS`.
         trajectory: trajectory of the test; None to leave it out.
         setting: setting of the campaign's drives; None if the campaign does not record it.
+        stored_values: values of the drive's segment; None to leave them out.
 
     Raises:
         ValueError: a row is damaged; the message names the value.
@@ -294,10 +309,19 @@ def read_test(
     values = _nested(TEST_COLUMNS, row)
     if pose := values.pop("pose"):
         values["pose"] = [pose.get(name) for name in Pose._fields]
-    names = [column.name for column in FINDING_COLUMNS]
-    values["result"]["findings"] = [dict(zip(names, finding, strict=True)) for finding in findings]
+    if findings:
+        values["result"]["findings"] = [
+            dict(zip(_FINDING_NAMES, finding, strict=True)) for finding in findings
+        ]
     test: Test = convert(values, Test)
-    return replace(test, trajectory=trajectory, setting=setting)
+    # The new test is completed in place: a copy by `replace` would take as long as its conversion.
+    for name, value in (
+        ("trajectory", trajectory),
+        ("setting", setting),
+        ("stored_values", stored_values),
+    ):
+        object.__setattr__(test, name, value)
+    return test
 
 
 def read_segment(row: Sequence[Any]) -> SegmentValues:
@@ -339,12 +363,20 @@ def _kind_of_cause(name: str) -> CauseKind:
 
 def _nested(columns: Sequence[Column], row: Sequence[Any]) -> dict[str, Any]:
     """Return the values of a row in dictionaries nested by the columns' paths, without NULLs."""
-    values: dict[str, Any] = {"candidate": {"origin": {}}, "result": {}, "pose": {}}
+    origin: dict[str, Any] = {}
+    candidate: dict[str, Any] = {"origin": origin}
+    result: dict[str, Any] = {}
+    pose: dict[str, Any] = {}
+    values: dict[str, Any] = {"candidate": candidate, "result": result, "pose": pose}
+    parents = {
+        "": values,
+        "candidate": candidate,
+        "candidate.origin": origin,
+        "result": result,
+        "pose": pose,
+    }
     for column, value in zip(columns, row, strict=False):  # a row may hold more than `columns`
-        if value is None:
-            continue
-        parent = values
-        for name in column.attributes[:-1]:
-            parent = parent[name]
-        parent[column.attributes[-1]] = column.decode(value)
+        if value is not None:
+            decoded = column.decode(value) if column.is_encoded else value
+            parents[column.parent][column.attributes[-1]] = decoded
     return values

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import operator
 import sqlite3
-from collections.abc import Container, Iterator, Mapping, Sequence
+from collections.abc import Callable, Container, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import replace
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any, Final, Literal, TypeAlias
+from typing import Any, Final, Literal, TypeAlias, TypeVar
 
 from msgspec import convert
 
@@ -47,6 +47,8 @@ SIGNATURE: Final = "signature"
 """Name of the fact with the user's signature of the code, its folder and its sources."""
 Order: TypeAlias = Literal["result_number", "moobd"]
 
+_Value = TypeVar("_Value")
+_OUTCOMES: Final = {str(outcome): outcome for outcome in Outcome}
 _BATCH: Final = 500
 """Number of tests that one SELECT reads (our choice)."""
 _UNLISTED_FACTS: Final = (
@@ -83,8 +85,9 @@ class CampaignReader(NotebookRepr):
         """The campaign's folder."""
         self._path = folder / DATABASE
         self._connection = connection
-        # Number of results at which the repeats were read, and their ids; None before the first.
-        self._repeats: tuple[int, frozenset[int]] | None = None
+        # What was computed from all tests, by name, and the version of the database then.
+        self._computed: dict[str, Any] = {}
+        self._computed_version: tuple[int, int] | None = None
         config = self.fact("config")
         if not isinstance(config, dict):
             raise self._damaged("the config is no JSON object")
@@ -298,8 +301,7 @@ class CampaignReader(NotebookRepr):
             needs_path = row[0] in with_path or (row[0] in with_values and values is None)
             path = self._trajectory(row[0], tables) if needs_path else None
             with self._reading(f"{tables.label} {row[0]}"):
-                test = read_test(row, findings.get(row[0], ()), path, setting)
-            tests.append(test if values is None else replace(test, stored_values=values))
+                tests.append(read_test(row, findings.get(row[0], ()), path, setting, values))
         return tests
 
     def _segments(self, ids: Sequence[int]) -> dict[int, SegmentValues]:
@@ -331,23 +333,18 @@ class CampaignReader(NotebookRepr):
 
     def by_outcome(self) -> dict[Outcome, int]:
         """Return the number of results per outcome; every outcome is present."""
-        return self._count_by_outcome()[0]
+        return dict(self._count_by_outcome()[0])
 
     def counts(self) -> Counts:
         """Return the numbers of tests per outcome and of different roads, and the lowest MOOBD.
 
         It reads the roads of all tests: where the numbers per outcome are enough, `by_outcome` is
         faster.
+
+        Raises:
+            CampaignError: a test is damaged.
         """
-        by_outcome, min_moobd = self._count_by_outcome()
-        counts = Counts.of(by_outcome, min_moobd)
-        roads, first_tests = set(), FirstTests()
-        for _, outcome, road, conditions, profiles in self._road_rows():
-            roads.add(road)
-            if not first_tests.add_key(outcome, road, conditions, profiles):
-                counts.add_repeat(outcome)
-        counts.roads = len(roads)
-        return counts
+        return replace(self._counts_and_repeats()[0])
 
     def repeats(self) -> frozenset[int]:
         """Return the ids of the tests that repeat an earlier test.
@@ -358,32 +355,36 @@ class CampaignReader(NotebookRepr):
         Raises:
             CampaignError: a test is damaged.
         """
-        self.write()
-        ((stored,),) = self._select("SELECT count(result_number) FROM test")
-        if self._repeats is None or self._repeats[0] != stored:
-            first_tests = FirstTests()
-            repeats = frozenset(
-                number
-                for number, outcome, road, conditions, profiles in self._road_rows()
-                if not first_tests.add_key(outcome, road, conditions, profiles)
-            )
-            self._repeats = stored, repeats
-        return self._repeats[1]
+        return self._counts_and_repeats()[1]
 
-    def _road_rows(self) -> Iterator[tuple[int, Outcome, int, dict[str, Any], list[bytes | None]]]:
-        """Yield each test's id and the arguments of `FirstTests.add_key`, by order of results."""
-        for number, outcome, conditions, step, curvatures, points, *profiles in self.rows(
-            _SELECT_ROADS
-        ):
-            with self._reading(f"test {number}"):
-                road = road_key(step, curvatures, points)
-                result = Outcome(outcome)
+    def _counts_and_repeats(self) -> tuple[Counts, frozenset[int]]:
+        """Return the counts of all tests, and the ids of the tests that repeat an earlier one."""
+        return self._once("counts", self._read_counts_and_repeats)
+
+    def _read_counts_and_repeats(self) -> tuple[Counts, frozenset[int]]:
+        counts = Counts.of(*self._count_by_outcome())
+        roads, first_tests, repeats = set(), FirstTests(), []
+        number: object = None
+        try:
+            for number, outcome, conditions, step, curvatures, points, *profiles in self.rows(
+                _SELECT_ROADS
+            ):
+                road, result = road_key(step, curvatures, points), _OUTCOMES[outcome]
                 amounts = {} if conditions == "{}" else dict(read_json(conditions))
-            yield number, result, road, amounts, profiles
+                roads.add(road)
+                if not first_tests.add_key(result, road, amounts, profiles):
+                    repeats.append(int(number))
+                    counts.add_repeat(result)
+        except (KeyError, TypeError, ValueError) as error:
+            raise self._damaged(f"test {number}: {error}") from None
+        counts.roads = len(roads)
+        return counts, frozenset(repeats)
 
     def _count_by_outcome(self) -> tuple[dict[Outcome, int], float | None]:
         """Return the number of results per outcome, and the lowest MOOBD in m."""
-        self.write()
+        return self._once("by_outcome", self._read_count_by_outcome)
+
+    def _read_count_by_outcome(self) -> tuple[dict[Outcome, int], float | None]:
         rows = self._select(
             "SELECT outcome, count(*), min(moobd) FROM test WHERE result_number IS NOT NULL"
             " GROUP BY outcome"
@@ -392,6 +393,19 @@ class CampaignReader(NotebookRepr):
         with self._reading("the outcome of a test"):
             by_outcome |= {Outcome(outcome): count for outcome, count, _ in rows}
         return by_outcome, min((moobd for *_, moobd in rows if moobd is not None), default=None)
+
+    def _once(self, name: str, compute: Callable[[], _Value]) -> _Value:
+        """Return a value that is computed from all tests, anew only after the database changed."""
+        self.write()
+        # The first number changes when another connection writes, the second when this one does.
+        ((others,),) = self._select("PRAGMA data_version")
+        version = int(others), self._connection.total_changes
+        if version != self._computed_version:
+            self._computed, self._computed_version = {}, version
+        if name not in self._computed:
+            self._computed[name] = compute()
+        value: _Value = self._computed[name]
+        return value
 
     def stored(self) -> int:
         """Return the number of results on disk, without those that wait; 0 if it is unreadable."""

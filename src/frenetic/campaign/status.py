@@ -152,6 +152,14 @@ def read_state(folder: Path) -> CampaignState:
     )
 
 
+def read_status(store: CampaignStore) -> Status:
+    """Return whether an open campaign runs, or how it ended."""
+    writer = holder(store.folder / LOCK)
+    lines = tuple(_last_log_lines(store.folder / LOG))
+    host = last_host(store.folder / LOCK)
+    return _status(store.facts, lines, is_written=writer is not None, host=host)
+
+
 def _status(
     facts: Mapping[str, Any], lines: Sequence[News], *, is_written: bool, host: str | None
 ) -> Status:

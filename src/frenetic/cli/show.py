@@ -309,15 +309,17 @@ def _budget(store: CampaignStore) -> str:
 
 def _next_command(store: CampaignStore) -> str:
     """Return the command that continues a campaign or writes its report; empty if finished."""
+    from frenetic.campaign.advice import how_to_resume
     from frenetic.campaign.configuration import OWNER, SPEC
-    from frenetic.campaign.status import Status, read_state
+    from frenetic.campaign.status import Status, read_status
     from frenetic.report.html.campaign import has_report
 
-    state, config = read_state(store.folder), store.config
+    status, config = read_status(store), store.config
     is_search = config.get(SPEC) is not None and config.get(OWNER) is None
-    if state.status is Status.FINISHED and is_search and not has_report(store):
-        return f"frenetic resume {shell(store.folder)}"
-    return state.resume_command
+    if status is Status.FINISHED:
+        needs_report = is_search and not has_report(store)
+        return f"frenetic resume {shell(store.folder)}" if needs_report else ""
+    return how_to_resume(store) if status.has_ended else ""
 
 
 def _conditions(store: CampaignStore) -> Mapping[str, float]:

@@ -51,7 +51,7 @@ class Reading:
             "SELECT id, outcome, moobd FROM test WHERE result_number IS NOT NULL"
             " ORDER BY result_number"
         )
-        repeats = store.repeats()
+        counts, repeats = store.counts(), store.repeats()
         first_tests = [
             (int(id), str(outcome), moobd)
             for id, outcome, moobd in rows  # noqa: A001
@@ -64,12 +64,13 @@ class Reading:
         to_map = choose_mapped(first_tests)
         to_compare = {row[0] for row in failed[:COMPARED]}
         to_write = {row[0] for row in failed[:MOST_FILES]}
-        counts, tests = Counts(), []
+        tests = []
         failures: list[Failure] = []
         mapped, severe = {}, []
         for record in store.tests(with_segments=to_map | to_compare):
+            if record.result_number > counts.result_count:
+                break  # a result that came after the counts
             tests.append(TestSummary.of(record, is_repeat=record.id in repeats))
-            counts.add(record.candidate, record.outcome, record.moobd)
             if record.id in to_compare:
                 failures += filter(None, [Failure.of_test(record)])
             if record.id in to_map and record.segment_values is not None:
