@@ -337,10 +337,10 @@ def test_a_store_holds_all_candidates_and_results_after_broken_writes(
             results.append(make_test(id, rng.choice([*Outcome, Outcome.FAIL]), len(results) + 1))
             store.add_result(results[-1])
         elif deed == "break":
-            breaking.left, breaking.is_after = rng.choice([1, 2, 3, 4, 5, 5]), rng.random() < 0.5
+            breaking.left, breaking.is_after = rng.choice([1, 2, 3, 4, 5, 6, 6]), rng.random() < 0.5
             errors = [KeyboardInterrupt(), sqlite3.OperationalError("disk I/O error")]
             breaking.error = errors[not breaking.is_after and rng.random() < 0.5]
-            is_held, is_last = written != (len(candidates), len(results)), breaking.left == 5
+            is_held, is_last = written != (len(candidates), len(results)), breaking.left == 6
             with pytest.raises((CampaignError, KeyboardInterrupt)) if is_held else nullcontext():
                 store.write()
             breaking.left = 0
@@ -538,8 +538,8 @@ def foreign_database(path: Path, application_id: int, version: int) -> bytes:
     [
         ((0, 0), "is not a campaign's database"),
         ((42, FORMAT), "is not a campaign's database"),
-        ((APPLICATION_ID, FORMAT - 1), "has format 6, .* reads format 7: use the version"),
-        ((APPLICATION_ID, FORMAT + 1), "has format 8, .* reads format 7: use the version"),
+        ((APPLICATION_ID, FORMAT - 1), "has format 7, .* reads format 8: use the version"),
+        ((APPLICATION_ID, FORMAT + 1), "has format 9, .* reads format 8: use the version"),
         (b"no database at all" * 500, "is not a database"),
         (b"", "is not a campaign's database"),
         (b"SQLite format 3\0" + b"x" * 84, "is not a"),

@@ -11,7 +11,14 @@ from campaigns import refused
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from frenetic.campaign.trajectory_codec import MAX_RECORDS, RESOLUTIONS, decode, encode, rounded
+from frenetic.campaign.trajectory_codec import (
+    MAX_RECORDS,
+    RESOLUTIONS,
+    decode,
+    encode,
+    encode_and_round,
+    rounded,
+)
 from frenetic.errors import CampaignError
 from frenetic.oracle.drive import Trajectory
 
@@ -74,6 +81,9 @@ def test_a_round_trip_is_within_half_a_resolution_and_a_second_is_exact(
     assert (np.abs(decoded.to_rows() - original) <= HALF_STEPS + rounding).all()
     assert encode(decoded) == data
     assert rounded(trajectory).to_rows().tobytes() == decoded.to_rows().tobytes()
+    packed, stored_trajectory = encode_and_round(trajectory)
+    assert packed == data
+    assert stored_trajectory.to_rows().tobytes() == decoded.to_rows().tobytes()
 
 
 def test_a_usual_drive_takes_a_few_kilobytes() -> None:
@@ -106,16 +116,24 @@ def test_unstorable_trajectories_are_refused(value: float) -> None:
 
 
 DATA = encode(winding_drive())
-WIDTH, PLACES, STREAM = DATA[9], DATA[10:21], DATA[21:]
-BODY = zlib.decompress(STREAM)
+PLACES, PACKED = DATA[9:20], DATA[20:]
 
 
-def stored(
-    count: int = 500, width: int = WIDTH, places: bytes = PLACES, stream: bytes = STREAM
-) -> bytes:
+def stored(count: int = 500, places: bytes = PLACES, packed: bytes = PACKED) -> bytes:
     """Bytes of a stored trajectory, with the right checksum."""
-    content = struct.pack("<IBB", count, len(places), width) + places + stream
+    content = struct.pack("<IB", count, len(places)) + places + packed
     return struct.pack("<I", zlib.crc32(content)) + content
+
+
+def blocks_of(*codes: int) -> bytes:
+    """Packed bits of one record whose columns have these codes, each behind an escape."""
+    bits, position = 0, 0
+    for code in codes:
+        length = max(code.bit_length(), 1)
+        for value, size in ((1, 6), (2**20 - 1, 20), (length - 1, 6), (code, length)):
+            bits |= value << position
+            position += size
+    return bits.to_bytes((position + 7) // 8, "little")
 
 
 @pytest.mark.parametrize(
@@ -128,19 +146,18 @@ def stored(
         (stored(places=PLACES[::-1]), "has the columns .10, 9, .*another one wrote it"),
         (stored(places=PLACES + b"\x0b"), "has the columns"),
         (stored(places=PLACES[:10]), "has the columns"),
-        (stored(count=501), "do not fill"),
-        (stored(count=0), "do not fill"),
+        (stored(count=501), "is damaged"),
+        (stored(count=600), "is damaged"),
+        (stored(count=0), "not those of 0 records"),
         (stored(count=MAX_RECORDS + 1), "claims 1000001 records"),
-        (stored(width=9), "500 records of 9 bytes"),
-        (stored(stream=b""), "do not fill"),
-        (stored(stream=STREAM[:-1]), "do not fill"),
-        (stored(stream=STREAM + b"\0"), "do not fill"),
-        (stored(stream=STREAM[:-4] + b"abcd"), "incorrect data check"),
-        (stored(stream=b"no zlib stream"), "header"),
-        (stored(stream=zlib.compress(BODY + b"\0")), "do not fill"),
-        (stored(stream=zlib.compress(BODY[:-1])), "do not fill"),
-        (stored(stream=zlib.compress(b"\0" * 50_000_000)), "do not fill"),
-        (stored(width=8, stream=zlib.compress(b"\x7f" * 8 * 11 * 500)), "out of range"),
+        (stored(count=MAX_RECORDS), "is damaged"),
+        (stored(packed=b""), "its 0 bytes are not those"),
+        (stored(packed=PACKED[:-1]), "not those of 500 records"),
+        (stored(packed=PACKED + b"\0"), "not those of 500 records"),
+        (stored(packed=PACKED[:-1] + bytes([PACKED[-1] ^ 0x80])), "not those of 500 records"),
+        (stored(packed=b"\x3f" + PACKED[1:]), "not those of 500 records"),
+        (stored(count=1, packed=blocks_of(*[0] * 10, 2**52 + 2)), "out of range"),
+        (stored(count=1, packed=blocks_of(*[0] * 10, 2**64 - 1)), "out of range"),
     ],
 )
 def test_damaged_data_is_refused(data: bytes, message: str) -> None:
@@ -149,23 +166,26 @@ def test_damaged_data_is_refused(data: bytes, message: str) -> None:
         decode(data)
 
 
+def test_the_layout_is_as_it_is_described() -> None:
+    codes = [1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 2**52]
+    steps = [-1, 1, -2, 2, -3, 3, -4, 4, -5, 5, 2**51]  # zigzag
+    decoded = decode(stored(count=1, packed=blocks_of(*codes)))
+    assert decoded.to_rows()[0] == pytest.approx(np.array(steps) * list(RESOLUTIONS.values()))
+
+
 @given(st.binary(max_size=200))
 def test_arbitrary_bytes_raise_a_campaign_error(data: bytes) -> None:
-    for damaged in (data, struct.pack("<I", zlib.crc32(data)) + data, stored(stream=data)):
+    for damaged in (data, struct.pack("<I", zlib.crc32(data)) + data, stored(packed=data)):
         with pytest.raises(CampaignError):
             decode(damaged)
 
 
-@given(st.integers(0, 8), st.integers(0, 300), st.binary(max_size=3000))
+@given(st.integers(0, 300), st.binary(max_size=3000))
 @settings(max_examples=100)
-def test_arbitrary_bodies_decode_to_finite_numbers_or_are_refused(
-    width: int, count: int, body: bytes
-) -> None:
-    needed = 11 * count * width
-    for filled in (body, (body or b"\xff").ljust(needed, body[:1] or b"\xff")[:needed]):
-        try:
-            trajectory = decode(stored(count, width, stream=zlib.compress(filled)))
-        except CampaignError:
-            continue
-        assert len(trajectory) == count
-        assert np.isfinite(trajectory.to_rows()).all()
+def test_arbitrary_bits_decode_to_finite_numbers_or_are_refused(count: int, packed: bytes) -> None:
+    try:
+        trajectory = decode(stored(count, packed=packed))
+    except CampaignError:
+        return
+    assert len(trajectory) == count
+    assert np.isfinite(trajectory.to_rows()).all()

@@ -120,6 +120,11 @@ class CampaignReader(NotebookRepr):
         return self._setting
 
     @property
+    def _known_setting(self) -> DriveSetting | None:
+        """The setting of the campaign's drives; None where the configuration lacks it."""
+        return None if isinstance(self._setting, str) else self._setting
+
+    @property
     def lane_width(self) -> float:
         """Width of each lane, in m; `LANE_WIDTH` where the configuration lacks the setting."""
         return LANE_WIDTH if isinstance(self._setting, str) else self._setting.lane_width
@@ -291,17 +296,17 @@ class CampaignReader(NotebookRepr):
         with_path = ids if with_trajectory is True else with_trajectory or ()
         with_values = ids if with_segments is True else with_segments or ()
         segments = self._segments([number for number in ids if number in with_values])
-        setting = self._setting if isinstance(self._setting, DriveSetting) else None
+        setting = self._known_setting
         findings: dict[int, list[Sequence[Any]]] = {}
         for number, *values in self._select(tables.select_findings(len(ids)), ids):
             findings.setdefault(number, []).append(values)
         tests = []
         for row in self._rows(ids, tables):
-            values = segments.get(row[0])
-            needs_path = row[0] in with_path or (row[0] in with_values and values is None)
+            stored_values = segments.get(row[0])
+            needs_path = row[0] in with_path or (row[0] in with_values and stored_values is None)
             path = self._trajectory(row[0], tables) if needs_path else None
             with self._reading(f"{tables.label} {row[0]}"):
-                tests.append(read_test(row, findings.get(row[0], ()), path, setting, values))
+                tests.append(read_test(row, findings.get(row[0], ()), path, setting, stored_values))
         return tests
 
     def _segments(self, ids: Sequence[int]) -> dict[int, SegmentValues]:
@@ -364,7 +369,7 @@ class CampaignReader(NotebookRepr):
     def _read_counts_and_repeats(self) -> tuple[Counts, frozenset[int]]:
         counts = Counts.of(*self._count_by_outcome())
         roads, first_tests, repeats = set(), FirstTests(), []
-        number: object = None
+        number = None
         try:
             for number, outcome, conditions, step, curvatures, points, *profiles in self.rows(
                 _SELECT_ROADS
@@ -373,7 +378,7 @@ class CampaignReader(NotebookRepr):
                 amounts = {} if conditions == "{}" else dict(read_json(conditions))
                 roads.add(road)
                 if not first_tests.add_key(result, road, amounts, profiles):
-                    repeats.append(int(number))
+                    repeats.append(number)
                     counts.add_repeat(result)
         except (KeyError, TypeError, ValueError) as error:
             raise self._damaged(f"test {number}: {error}") from None

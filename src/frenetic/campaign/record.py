@@ -9,9 +9,11 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import ClassVar, Self
 
+import numpy as np
+
 from frenetic._support.bounds import Count, Finite, Index, NotNegative, Share
 from frenetic._support.notebook import NotebookRepr
-from frenetic.campaign.trajectory_codec import decode, encode, rounded
+from frenetic.campaign.trajectory_codec import decode, encode_and_round, rounded
 from frenetic.errors import IS_KILLED, CampaignError, Trouble
 from frenetic.oracle.drive import Drive, Trajectory
 from frenetic.oracle.outcome import Outcome
@@ -53,6 +55,8 @@ class Attempt:
     """Error of the driver, the simulator or the worker; None without an error."""
     reported_share: Share | None = None
     """Spent share of the budget that a client reports; None if the campaign counts."""
+    rounded_trajectory: Trajectory | None = field(default=None, compare=False)
+    """`stored_trajectory`, if it is known already."""
 
     @classmethod
     def undriven(
@@ -94,17 +98,21 @@ class Attempt:
         """
         if self.trajectory is None or (keep_exact and self.packed is not None):
             return self
+        packed, stored = self.packed, None
+        if packed is None:
+            packed, stored = encode_and_round(self.trajectory)
         return replace(
             self,
             trajectory=self.trajectory if keep_exact else None,
-            packed=self.packed or encode(self.trajectory),
+            packed=packed,
             records=len(self.trajectory),
+            rounded_trajectory=stored if keep_exact else None,
         )
 
     def stored_trajectory(self) -> Trajectory | None:
         """Return the trajectory as it will be read from the database, rounded; None if unpacked."""
-        if self.packed is None:
-            return None
+        if self.packed is None or self.rounded_trajectory is not None:
+            return self.rounded_trajectory
         return decode(self.packed) if self.trajectory is None else rounded(self.trajectory)
 
 
@@ -254,6 +262,20 @@ class Test(NotebookRepr):
         if (drive := self.drive) is None or not len(drive.trajectory):
             return None
         return SegmentValues.of(segment_of(self.road, drive, self.result.finding), self.result)
+
+    def measure(self) -> SegmentValues | None:
+        """Return the values of the drive's segment, measured on the test's trajectory.
+
+        None if the drive was not judged, has no records, or is so odd that a value is no number:
+        time may stand still in a drive that a client of `frenetic ask-tell` reports.
+        """
+        test = self if self.stored_values is None else replace(self, stored_values=None)
+        try:
+            with np.errstate(all="ignore"):
+                values = test.segment_values
+        except (ArithmeticError, ValueError, CampaignError):
+            return None
+        return values if values is not None and values.are_finite else None
 
     def __repr__(self) -> str:
         """The test at a glance."""

@@ -53,10 +53,9 @@ from frenetic.campaign.database import (
 from frenetic.campaign.lock import lock_file
 from frenetic.campaign.reader import CampaignReader
 from frenetic.campaign.record import Test
-from frenetic.campaign.trajectory_codec import decode, encode
+from frenetic.campaign.trajectory_codec import decode, encode_and_round
 from frenetic.errors import CampaignError, CampaignGoneError
 from frenetic.search.records import Candidate
-from frenetic.segments.values import SegmentValues
 
 LOCK: Final = "campaign.lock"
 """Name of the lock file in a campaign's folder."""
@@ -285,8 +284,11 @@ class CampaignStore(CampaignReader):
     def add_result(self, test: Test, packed: bytes | None = None) -> None:
         """Add the result of an outstanding candidate, which the next `write` stores.
 
+        The values of the drive's segment are added, too, measured on the trajectory as it is
+        stored. A drive on which they cannot be measured has none.
+
         Args:
-            test: the test.
+            test: the test. With `packed`, it may have the trajectory in `packed` or none.
             packed: the encoded trajectory; None to encode the trajectory of the test.
 
         Raises:
@@ -294,25 +296,22 @@ class CampaignStore(CampaignReader):
         """
         self._require_writer()
         if packed is None and test.trajectory is not None:
-            packed = encode(test.trajectory)
-            test = replace(test, records=len(test.trajectory))
+            packed, trajectory = encode_and_round(test.trajectory)
+            test = replace(test, trajectory=trajectory, records=len(trajectory))
         for statement, rows in TESTS.rows_of(test, packed).items():
             self._waiting[statement] += rows
-        values = test.stored_values or self._measure(test, packed)
-        if values is not None:
-            self._waiting[INSERT_SEGMENT].append((test.id, *row_of(values, SEGMENT_COLUMNS)))
+        if packed is not None and test.outcome.is_driven:
+            if test.trajectory is None or test.setting is None:
+                test = replace(
+                    test,
+                    trajectory=test.trajectory or decode(packed),
+                    setting=test.setting or self._known_setting,
+                )
+            values = test.measure()
+            if values is not None:
+                row = (test.id, *row_of(values, SEGMENT_COLUMNS))
+                self._waiting[INSERT_SEGMENT].append(row)
         self._result_count += 1
-
-    def _measure(self, test: Test, packed: bytes | None) -> SegmentValues | None:
-        """Return the values of a test's segment, from the trajectory as it is stored.
-
-        None if the drive was not judged or has no records, or the campaign does not record how it
-        was driven.
-        """
-        if packed is None or not test.outcome.is_driven or isinstance(self._setting, str):
-            return None
-        setting = test.setting or self._setting
-        return replace(test, trajectory=decode(packed), setting=setting).segment_values
 
     def write(self) -> None:
         """Store all candidates and results that wait, durably.

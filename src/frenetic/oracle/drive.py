@@ -258,6 +258,18 @@ class Trajectory:
         return cls(*(rows[:, k] for k in range(rows.shape[1])))
 
     @classmethod
+    def of_block(cls, block: FloatArray) -> Trajectory:
+        """Return a trajectory of an (11, n) array, whose rows become the columns without a copy.
+
+        Nobody else may hold the array, which becomes read-only.
+        """
+        block.setflags(write=False)
+        trajectory = object.__new__(cls)
+        for name, column in zip(cls.names(), block, strict=True):
+            object.__setattr__(trajectory, name, column)
+        return trajectory
+
+    @classmethod
     def empty(cls) -> Trajectory:
         """Return a trajectory without records."""
         return cls.from_rows(np.empty((0, len(cls.names()))))

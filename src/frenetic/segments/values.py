@@ -6,6 +6,7 @@ trajectory again finds the same values, and `frenetic check` does so.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Final
 
@@ -75,6 +76,12 @@ class SegmentValues:
             fastest=fastest,
             approach=np.concatenate((points.ravel(), *states_before(trace, place))),
         )
+
+    @property
+    def are_finite(self) -> bool:
+        """Whether all values are finite numbers."""
+        numbers = (self.place, *self.features.values(), self.slowest, self.fastest)
+        return all(map(math.isfinite, numbers)) and bool(np.isfinite(self.approach).all())
 
     @property
     def road(self) -> FloatArray:
