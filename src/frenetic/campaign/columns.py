@@ -8,10 +8,11 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields
-from functools import cached_property
+from functools import cache, cached_property, partial
 from json import JSONEncoder
+from operator import attrgetter
 from typing import Any, Final, Literal, TypeAlias
 
 import numpy as np
@@ -35,7 +36,7 @@ Kind: TypeAlias = Literal["INTEGER", "REAL", "TEXT", "JSON", "REALS", "PAIRS"]
 float64 in a blob, of shape (n,) for REALS and (n, 2) for PAIRS."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Column:
     """A column of a table in the database."""
 
@@ -68,34 +69,19 @@ class Column:
         """SQLite's type of the column."""
         return {"JSON": "TEXT", "REALS": "BLOB", "PAIRS": "BLOB"}.get(self.kind, self.kind)
 
-    def encode(self, value: Any) -> Any:
-        """Return a value as the database stores it.
+    @cached_property
+    def encode(self) -> Callable[[Any], Any]:
+        """Function that returns a value as the database stores it.
 
-        Raises:
-            ValueError: the value is not finite.
+        It raises a ValueError if the value is not finite.
         """
-        if value is None:
-            return None
-        if self.kind == "REAL":
-            if not math.isfinite(value):
-                raise ValueError(f"{self.name} is {value}: a finite number is needed")
-            return float(value) + 0.0  # SQLite knows no negative zero
-        if self.kind == "INTEGER":
-            return int(value)
-        if self.kind == "TEXT":
-            # A broken driver's message may hold halves of characters, which SQLite refuses.
-            return str(value).encode("utf-8", "backslashreplace").decode()
-        if self.kind == "JSON":
-            if not value and isinstance(value, dict | tuple):  # a shortcut: most are empty
-                return "[]" if isinstance(value, tuple) else "{}"
-            try:
-                text = _FINITE_JSON.encode(to_builtins(value, enc_hook=_python_number))
-            except ValueError:
-                raise ValueError(f"{self.name} is {value}: finite numbers are needed") from None
-            return _HALF_CHARACTER.sub(lambda half: rf"\\u{ord(half[0]):x}", text)
-        if not np.isfinite(value).all():
-            raise ValueError(f"{self.name} are not all finite")
-        return np.ascontiguousarray(value, "<f8").tobytes()
+        functions: dict[Kind, Callable[[Any], Any]] = {
+            "INTEGER": int,
+            "REAL": partial(_stored_number, self.name),
+            "TEXT": _stored_text,
+            "JSON": partial(_stored_json, self.name),
+        }
+        return functions.get(self.kind, partial(_stored_numbers, self.name))
 
     def decode(self, value: Any) -> Any:
         """Return the value of a cell of the database.
@@ -113,6 +99,35 @@ class Column:
                 raise ValueError(f"the {self.name} are not all finite")
             return values.reshape(-1, 2) if self.kind == "PAIRS" else values
         return value
+
+
+def _stored_number(name: str, value: Any) -> float:
+    number = float(value) + 0.0  # SQLite knows no negative zero
+    if not math.isfinite(number):
+        raise ValueError(f"{name} is {value}: a finite number is needed")
+    return number
+
+
+def _stored_text(value: Any) -> str:
+    text = str(value)
+    # A broken driver's message may hold halves of characters, which SQLite refuses.
+    return text if text.isascii() else text.encode("utf-8", "backslashreplace").decode()
+
+
+def _stored_json(name: str, value: Any) -> str:
+    if not value and isinstance(value, dict | tuple):  # a shortcut: most are empty
+        return "[]" if isinstance(value, tuple) else "{}"
+    try:
+        text = _FINITE_JSON.encode(to_builtins(value, enc_hook=_python_number))
+    except ValueError:
+        raise ValueError(f"{name} is {value}: finite numbers are needed") from None
+    return _HALF_CHARACTER.sub(lambda half: rf"\\u{ord(half[0]):x}", text)
+
+
+def _stored_numbers(name: str, value: Any) -> bytes:
+    if not np.isfinite(value).all():
+        raise ValueError(f"{name} are not all finite")
+    return np.ascontiguousarray(value, "<f8").tobytes()
 
 
 _FINITE_JSON: Final = JSONEncoder(ensure_ascii=False, allow_nan=False)
@@ -264,7 +279,52 @@ def row_of(record: Any, columns: Sequence[Column]) -> tuple[Any, ...]:
     """
     # A column's path starts at a test; from a candidate it is shorter by "candidate".
     start = 1 if isinstance(record, Candidate) else 0
-    return tuple([column.encode(value_at(record, column.attributes[start:])) for column in columns])
+    paths, encoders = _paths_and_encoders(tuple(columns), start)
+    try:
+        values = attrgetter(*paths)(record)
+    except AttributeError:  # an object on a path is None
+        values = tuple([value_at(record, path.split(".")) for path in paths])
+    return tuple(
+        [
+            None if value is None else encode(value)
+            for encode, value in zip(encoders, values, strict=True)
+        ]
+    )
+
+
+@cache
+def _paths_and_encoders(
+    columns: tuple[Column, ...], start: int
+) -> tuple[list[str], list[Callable[[Any], Any]]]:
+    """Return the paths of columns from an attribute on, and their functions that encode."""
+    paths = [".".join(column.attributes[start:]) for column in columns]
+    return paths, [column.encode for column in columns]
+
+
+def segment_row(values: SegmentValues) -> tuple[Any, ...]:
+    """Return the values of a segment, in the order of `SEGMENT_COLUMNS`.
+
+    Raises:
+        ValueError: a number is not finite.
+    """
+    cause = values.cause
+    row = (
+        values.place,
+        values.side,
+        values.criterion,
+        None if cause is None else cause.kind.name,
+        None if cause is None else cause.bend_side,
+        *values.features.values(),
+        values.slowest,
+        values.fastest,
+        values.approach,
+    )
+    return tuple(
+        [
+            None if value is None else column.encode(value)
+            for column, value in zip(SEGMENT_COLUMNS, row, strict=True)
+        ]
+    )
 
 
 def value_at(record: Any, path: Sequence[str]) -> Any:
@@ -273,7 +333,7 @@ def value_at(record: Any, path: Sequence[str]) -> Any:
     for name in path:
         if value is None:
             return None
-        value = value[name] if isinstance(value, dict) else getattr(value, name)
+        value = getattr(value, name)
     return value
 
 

@@ -38,7 +38,7 @@ from frenetic._support.files import FolderInUse
 from frenetic._support.json_value import JSONValue, plain
 from frenetic._support.outside_text import read_json
 from frenetic._support.words import counted, present_moment
-from frenetic.campaign.columns import CANDIDATE_COLUMNS, SEGMENT_COLUMNS, row_of
+from frenetic.campaign.columns import CANDIDATE_COLUMNS, row_of, segment_row
 from frenetic.campaign.database import (
     DATABASE,
     EARLIER_TESTS,
@@ -309,7 +309,7 @@ class CampaignStore(CampaignReader):
                 )
             values = test.measure()
             if values is not None:
-                row = (test.id, *row_of(values, SEGMENT_COLUMNS))
+                row = (test.id, *segment_row(values))
                 self._waiting[INSERT_SEGMENT].append(row)
         self._result_count += 1
 
