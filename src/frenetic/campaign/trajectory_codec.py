@@ -76,7 +76,7 @@ def encode(trajectory: Trajectory) -> bytes:
         ValueError: a value is NaN, infinite or beyond 2**51 steps (2e11 m for a position), or there
             are more than `MAX_RECORDS` records.
     """
-    return _pack(_to_steps(trajectory))
+    return _pack(to_steps(trajectory))
 
 
 def encode_and_round(trajectory: Trajectory) -> tuple[bytes, Trajectory]:
@@ -86,7 +86,7 @@ def encode_and_round(trajectory: Trajectory) -> tuple[bytes, Trajectory]:
         ValueError: a value is NaN, infinite or out of range, or there are too many records, see
             `encode`.
     """
-    steps = _to_steps(trajectory)
+    steps = to_steps(trajectory)
     return _pack(steps), _of_steps(steps)
 
 
@@ -105,7 +105,7 @@ def rounded(trajectory: Trajectory) -> Trajectory:
     Raises:
         ValueError: a value is NaN, infinite or out of range, see `encode`.
     """
-    return _of_steps(_to_steps(trajectory))
+    return _of_steps(to_steps(trajectory))
 
 
 def decode_columns(data: bytes) -> FloatArray:
@@ -151,7 +151,7 @@ def _pack(steps: IntArray) -> bytes:
     return _CRC.pack(zlib.crc32(data)) + data
 
 
-def _to_steps(trajectory: Trajectory) -> IntArray:
+def to_steps(trajectory: Trajectory) -> IntArray:
     """Return the columns as whole numbers of steps of their resolutions, (11, n).
 
     Raises:

@@ -20,8 +20,6 @@ from frenetic._support.printable import text_cell
 from frenetic.export.tables import (
     DICTIONARY_COLUMNS,
     CampaignSource,
-    CampaignTest,
-    Table,
     campaigns_of,
     condition_names,
     frame_of,
@@ -29,13 +27,14 @@ from frenetic.export.tables import (
     read_tests,
     require_extra,
 )
+from frenetic.export.trajectory_files import TRAJECTORY_FILES, RowWriter
 from frenetic.oracle.outcome import Outcome
 from frenetic.road import profile
 
 if TYPE_CHECKING:
     import pandas as pd
 
-TESTS_AT_ONCE: Final = 1000
+TESTS_AT_ONCE: Final = 500
 """Number of tests of a batch, whose frames are in memory together; our choice."""
 FrameWriter: TypeAlias = "Callable[[pd.DataFrame], object]"
 """Function that appends a frame to an open file."""
@@ -75,20 +74,20 @@ def write_tables(
             )
     tests = read_tests(campaigns, outcomes, with_trajectory=driven is not None)
     with ExitStack() as files:
-        writers: dict[Table, FrameWriter] = {}
+        write_frame: FrameWriter | None = None
+        write_trajectories: RowWriter = len  # writes nothing
+        if driven is not None:
+            trajectory_file = TRAJECTORY_FILES[format]
+            write_trajectories = files.enter_context(
+                trajectory_file(folder / "trajectories", are_named=are_named)
+            )
         while True:
             batch = list(islice(tests, TESTS_AT_ONCE))
-            table_tests: dict[Table, list[CampaignTest]] = {"tests": batch}
-            if driven is not None:
-                table_tests["trajectories"] = [
-                    (name, test) for name, test in batch if test.outcome in driven
-                ]
-            for table, chosen in table_tests.items():
-                frame = frame_of(table, chosen, conditions, are_named=are_named)
-                if table not in writers:  # the first frame says which columns the file has
-                    opened_file = _FILES[format](folder / table, frame)
-                    writers[table] = files.enter_context(opened_file)
-                writers[table](frame)
+            frame = frame_of("tests", batch, conditions, are_named=are_named)
+            if write_frame is None:  # the first frame says which columns the file has
+                write_frame = files.enter_context(_FILES[format](folder / "tests", frame))
+            write_frame(frame)
+            write_trajectories([item for item in batch if item[1].outcome in (driven or ())])
             done += len(batch)
             on_progress(done, max(done, total))  # the campaign may grow meanwhile
             if len(batch) < TESTS_AT_ONCE:

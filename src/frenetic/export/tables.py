@@ -239,11 +239,17 @@ def _row_of(test: Test) -> dict[str, Any]:
         row["departure_time"] = rounded_seconds(departure.time)
     row |= {f"{_CONDITION}{name}": amount for name, amount in candidate.conditions.items()}
     # A road has also the profiles that follow from its class; a refused candidate may have no road.
-    has_road = test.pose is not None and len(curvatures) > 1
+    has_road = test.pose is not None and len(curvatures) > 1 and _has_profiles(test)
     for name in profile.NAMES:
         pairs = getattr(test.road if has_road else candidate, name)
         row[name] = None if pairs is None else pairs.tolist() or None
     return row
+
+
+def _has_profiles(test: Test) -> bool:
+    """Return whether a test's road may have profiles, of its own or of its class."""
+    of_class = test.setting is None or test.setting.road_class is not None
+    return of_class or any(getattr(test.candidate, name) is not None for name in profile.NAMES)
 
 
 def _trajectory_frame(tests: Iterable[CampaignTest]) -> pd.DataFrame:
