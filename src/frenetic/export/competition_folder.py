@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import csv
-import json
 from collections import Counter
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, field
@@ -17,7 +16,7 @@ from frenetic.analysis.sparseness import MOST_COMPARED, largest_distances
 from frenetic.campaign.configuration import owner_of
 from frenetic.campaign.record import Test
 from frenetic.campaign.store import CampaignStore
-from frenetic.export.official_format import stored_test_document
+from frenetic.export.official_format import stored_test_text
 from frenetic.oracle.outcome import Outcome
 
 
@@ -126,8 +125,7 @@ class _Statistics:
 def _write_test(folder: Path, test: Test) -> None:
     """Write the document of a test."""
     path = folder / f"test.{test.id:04d}.json"
-    text = json.dumps(stored_test_document(test), allow_nan=False)
-    path.write_text(f"{text}\n", encoding="utf-8")
+    path.write_text(f"{stored_test_text(test)}\n", encoding="utf-8")
 
 
 def _experiment(store: CampaignStore) -> dict[str, object]:

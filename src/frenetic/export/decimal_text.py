@@ -14,8 +14,13 @@ import numpy.typing as npt
 from frenetic._support.arrays import IntArray
 from frenetic._support.compiled import njit
 
+NEGATIVE_ZERO: Final = -(2**63)
+"""Multiple that stands for -0.0."""
+TRUTH: Final = -1
+"""Number of decimals of a column of truth values."""
 _MOST_DIGITS: Final = 24
 """Most characters of a number: a sign, 19 digits, a point, and an exponent."""
+_FALSE, _TRUE = (np.frombuffer(text, np.uint8) for text in (b"false", b"true"))
 _ZERO, _POINT, _MINUS, _E = (ord(character) for character in "0.-e")
 
 _Bytes = npt.NDArray[np.uint8]
@@ -27,8 +32,10 @@ def decimal_rows(
     """Return the rows of a table of decimal numbers as text.
 
     Args:
-        multiples: columns of the table, (k, n), in units of their last decimal.
-        decimals: number of decimals of each column, (k,), at least 1.
+        multiples: columns of the table, (k, n), in units of their last decimal; `NEGATIVE_ZERO`
+            stands for -0.0.
+        decimals: number of decimals of each column, (k,); 0 for whole numbers, which have no point;
+            `TRUTH` for a column of 0 and 1, which become ``false`` and ``true``.
         separators: text before each column's number, and text after the last, k + 1.
         has_exponents: whether numbers below 1e-4 are written as `repr` does, such as ``5e-05``.
     """
@@ -66,29 +73,63 @@ def _write_rows(
 @njit()
 def _write_number(multiple: int, decimals: int, has_exponents: bool, rows: _Bytes, end: int) -> int:
     """Write a number at the index `end`, and return the index after it."""
+    if decimals == TRUTH:
+        word = _TRUE if multiple else _FALSE
+        rows[end : end + len(word)] = word
+        return end + len(word)
     if multiple < 0:
         rows[end] = _MINUS
         end += 1
-        multiple = -multiple
-    if has_exponents and decimals > 4 and 0 < multiple < 10 ** (decimals - 4):
-        # Only one digit is left below 1e-4: a resolution of 1e-5 is the finest.
-        rows[end], rows[end + 1], rows[end + 2] = _ZERO + multiple, _E, _MINUS
-        rows[end + 3], rows[end + 4] = _ZERO, _ZERO + decimals
-        return end + 5
-    count = decimals
-    while count > 1 and multiple % 10 == 0:
+        multiple = 0 if multiple == NEGATIVE_ZERO else -multiple
+    while decimals > 1 and multiple % 10 == 0:
         multiple //= 10
-        count -= 1
-    whole, fraction = divmod(multiple, 10**count)
-    digits = 1
-    while whole >= 10**digits:
-        digits += 1
-    for j in range(digits - 1, -1, -1):
-        rows[end + j] = _ZERO + whole % 10
-        whole //= 10
-    end += digits
+        decimals -= 1
+    if has_exponents and decimals > 4 and 0 < multiple < 10 ** (decimals - 4):
+        return _write_with_exponent(multiple, decimals, rows, end)
+    whole, fraction = divmod(multiple, 10**decimals)
+    end = _write_whole(whole, rows, end)
+    if decimals == 0:
+        return end
     rows[end] = _POINT
-    for j in range(count, 0, -1):
+    for j in range(decimals, 0, -1):
         rows[end + j] = _ZERO + fraction % 10
         fraction //= 10
-    return end + count + 1
+    return end + decimals + 1
+
+
+@njit()
+def _write_with_exponent(multiple: int, decimals: int, rows: _Bytes, end: int) -> int:
+    """Write a number below 1e-4 with an exponent of two digits, and return the index after it."""
+    digits = _digits_of(multiple)
+    first = 10 ** (digits - 1)
+    rows[end] = _ZERO + multiple // first
+    end += 1
+    if digits > 1:
+        rows[end] = _POINT
+        end = _write_digits(multiple % first, digits - 1, rows, end + 1)
+    rows[end], rows[end + 1] = _E, _MINUS
+    return _write_digits(decimals - digits + 1, 2, rows, end + 2)
+
+
+@njit()
+def _write_whole(number: int, rows: _Bytes, end: int) -> int:
+    """Write a whole number, and return the index after it."""
+    return _write_digits(number, _digits_of(number), rows, end)
+
+
+@njit()
+def _digits_of(number: int) -> int:
+    """Return the number of digits of a whole number."""
+    digits = 1
+    while digits < 19 and number >= 10**digits:
+        digits += 1
+    return digits
+
+
+@njit()
+def _write_digits(number: int, digits: int, rows: _Bytes, end: int) -> int:
+    """Write the last digits of a whole number, and return the index after them."""
+    for j in range(digits - 1, -1, -1):
+        rows[end + j] = _ZERO + number % 10
+        number //= 10
+    return end + digits

@@ -6,14 +6,18 @@ approximated, see `SimulationRecord`.
 
 from __future__ import annotations
 
-import math
+import json
+from collections.abc import Mapping
+from itertools import pairwise
 from typing import Any, Final, NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 
 from frenetic._support.arrays import FloatArray
 from frenetic.campaign.record import Test
 from frenetic.errors import RoadError
+from frenetic.export.decimal_text import NEGATIVE_ZERO, TRUTH, decimal_rows
 from frenetic.oracle.assessment import assess
 from frenetic.oracle.drive import Drive
 from frenetic.oracle.outcome import Outcome
@@ -24,6 +28,8 @@ GROUND: Final = -28.0
 """Height of the competition's flat map, in m."""
 
 _DECIMALS: Final = 6  # of numbers in the document: micrometres; our choice
+_NEAR_HALF: Final = 1e-3
+"""Distance from a half of the last decimal within which numbers are rounded singly; our choice."""
 
 
 class SimulationRecord(NamedTuple):
@@ -73,50 +79,93 @@ class SimulationRecord(NamedTuple):
 
 def simulation_records(road: Road, drive: Drive) -> list[SimulationRecord]:
     """Return the records of a drive, up to the record at which a rule ended the drive."""
+    columns = {name: values.tolist() for name, values in record_columns(road, drive).items()}
+    return [
+        SimulationRecord(
+            timer=timer,
+            pos=(x, y, GROUND),
+            dir=(cosine, sine, 0.0),
+            vel=(x_speed, y_speed, 0.0),
+            steering=steering,
+            steering_input=steering_input,
+            brake=brake,
+            brake_input=brake,
+            throttle=throttle,
+            throttle_input=throttle,
+            **dict(zip(_LAST_NAMES, others, strict=True)),
+        )
+        for (
+            timer, x, y, cosine, sine, x_speed, y_speed, steering, steering_input, brake, throttle,
+            *others,
+        ) in zip(*columns.values(), strict=True)
+    ]  # fmt: skip
+
+
+_LAST_NAMES: Final = SimulationRecord._fields[10:]
+"""Fields of a record from ``wheelspeed`` on, which `record_columns` names alike."""
+
+
+def record_columns(road: Road, drive: Drive) -> dict[str, npt.NDArray[Any]]:
+    """Return the columns of a drive's records, rounded, each (n,).
+
+    The records end with the record at which a rule ended the drive. Fields of `SimulationRecord`
+    that hold three numbers have a column for each number that varies; ``brake_input`` and
+    ``throttle_input``, which are like ``brake`` and ``throttle``, have none.
+    """
     path = drive.trajectory
     if len(path) == 0:
-        return []
+        return {}
     assessment = assess(road, drive)
-    columns = {name: getattr(path, name).tolist() for name in path.names()}
-    shares, distances = assessment.oob_share.tolist(), assessment.oob_distance.tolist()
-    records: list[SimulationRecord] = []
-    was_oob, oob_counter, largest_share = False, 0, 0.0
-    for i, share in enumerate(shares):
-        record = {name: column[i] for name, column in columns.items()}
-        is_oob = share > drive.rules.oob_tolerance
-        if is_oob:
-            oob_counter += not was_oob
-            largest_share = max(largest_share, share) if was_oob else share
-        was_oob = is_oob
-        cosine, sine = math.cos(record["heading"]), math.sin(record["heading"])
-        ahead, left = record["speed"], record["lateral_speed"]
-        records.append(
-            SimulationRecord(
-                timer=round(record["time"], _DECIMALS),
-                pos=_rounded(record["x"], record["y"], GROUND),
-                dir=_rounded(cosine, sine, 0.0),
-                vel=_rounded(ahead * cosine - left * sine, ahead * sine + left * cosine, 0.0),
-                steering=round(math.degrees(record["steering"]), _DECIMALS),
-                steering_input=round(math.degrees(record["steering_input"]), _DECIMALS),
-                brake=record["brake"],
-                brake_input=record["brake"],
-                throttle=record["throttle"],
-                throttle_input=record["throttle"],
-                wheelspeed=round(ahead, _DECIMALS),
-                vel_kmh=round(3.6 * math.hypot(ahead, left)),
-                is_oob=is_oob,
-                oob_counter=oob_counter,
-                max_oob_percentage=round(largest_share, _DECIMALS),
-                oob_distance=round(distances[i], _DECIMALS),
-                oob_percentage=round(share, _DECIMALS),
-            )
+    n = len(assessment.distance)
+    time, x, y, heading, ahead, left, _, steering, steering_input, throttle, brake = (
+        getattr(path, name)[:n] for name in path.names()
+    )
+    shares = assessment.oob_share
+    is_oob = shares > drive.rules.oob_tolerance
+    leaves = is_oob & ~np.concatenate([[False], is_oob[:-1]])
+    cosine, sine = np.cos(heading), np.sin(heading)
+    return {
+        "timer": _rounded(time),
+        "x": _rounded(x),
+        "y": _rounded(y),
+        "cosine": _rounded(cosine),
+        "sine": _rounded(sine),
+        "x_speed": _rounded(ahead * cosine - left * sine),
+        "y_speed": _rounded(ahead * sine + left * cosine),
+        "steering": _rounded(np.degrees(steering)),
+        "steering_input": _rounded(np.degrees(steering_input)),
+        "brake": brake,
+        "throttle": throttle,
+        "wheelspeed": _rounded(ahead),
+        "vel_kmh": np.rint(3.6 * np.hypot(ahead, left)).astype(np.int64),
+        "is_oob": is_oob,
+        "oob_counter": np.cumsum(leaves),
+        "max_oob_percentage": _rounded(_largest_shares(shares, is_oob, leaves)),
+        "oob_distance": _rounded(assessment.oob_distance),
+        "oob_percentage": _rounded(shares),
+    }
+
+
+def _largest_shares(
+    shares: FloatArray, is_oob: npt.NDArray[np.bool_], leaves: npt.NDArray[np.bool_]
+) -> FloatArray:
+    """Return the largest share outside since the car last left its lane, (n,); 0 before that."""
+    largest = np.zeros(len(shares))
+    for first, end in pairwise([*np.flatnonzero(leaves).tolist(), len(shares)]):
+        largest[first:end] = np.maximum.accumulate(
+            np.where(is_oob[first:end], shares[first:end], 0.0)
         )
-    return records
+    return largest
 
 
-def _rounded(x: float, y: float, z: float) -> tuple[float, float, float]:
-    """Return a vector with `_DECIMALS` decimals."""
-    return round(x, _DECIMALS), round(y, _DECIMALS), round(z, _DECIMALS)
+def _rounded(values: FloatArray) -> FloatArray:
+    """Return values with `_DECIMALS` decimals, (n,), as `round` rounds each."""
+    scaled = values * 10.0**_DECIMALS
+    rounded: FloatArray = np.rint(scaled) / 10.0**_DECIMALS
+    # Near a half, the product may be on the other side of it than the number.
+    for i in np.flatnonzero(~(np.abs(scaled - np.floor(scaled) - 0.5) > _NEAR_HALF)):
+        rounded[i] = round(float(values[i]), _DECIMALS)
+    return rounded
 
 
 def competition_document(
@@ -162,8 +211,13 @@ def competition_document(
     return document
 
 
-def stored_test_document(test: Test) -> dict[str, Any]:
-    """Return a campaign's test as a `competition_document`."""
+def stored_test_document(test: Test, *, has_records: bool = True) -> dict[str, Any]:
+    """Return a campaign's test as a `competition_document`.
+
+    Args:
+        test: the test.
+        has_records: whether the document has the records of the drive.
+    """
     points, is_invalid = test.candidate.points, test.outcome is Outcome.INVALID
     verdict = Verdict(not is_invalid, test.reason if is_invalid else "")
     return competition_document(
@@ -172,9 +226,60 @@ def stored_test_document(test: Test) -> dict[str, Any]:
         verdict if test.outcome.is_test else None,
         outcome=test.outcome,
         description=test.reason,
-        drive=test.drive,
+        drive=test.drive if has_records else None,
         points=points,
     )
+
+
+def stored_test_text(test: Test) -> str:
+    """Return the text of a stored test's document, as `json.dumps` would write it.
+
+    A kernel writes the records, which are most of it.
+    """
+    text = json.dumps(stored_test_document(test, has_records=False), allow_nan=False)
+    road, drive = _road_of(test), test.drive
+    if not test.outcome.is_test or road is None or drive is None or not len(drive.trajectory):
+        return text
+    return f"{text.removesuffix('[]}')}[{_records_text(record_columns(road, drive))}]}}"
+
+
+def _records_text(columns: Mapping[str, npt.NDArray[Any]]) -> str:
+    """Return columns of a stored drive's records as JSON, without brackets around all."""
+    repeated = [columns[name] for name in _WRITTEN]
+    multiples = np.array(
+        [
+            np.rint(values * 10.0**_DECIMALS) if values.dtype == np.float64 else values
+            for values in repeated
+        ],
+        dtype=np.int64,
+    )
+    for row, values in zip(multiples, repeated, strict=True):
+        row[(row == 0) & np.signbit(values)] = NEGATIVE_ZERO
+    decimals = np.array(
+        [{np.float64: _DECIMALS, np.bool_: TRUTH}.get(values.dtype.type, 0) for values in repeated]
+    )
+    rows = decimal_rows(multiples, decimals, _SEPARATORS, has_exponents=True)
+    return rows.decode()[: -len(", ")]
+
+
+_WRITTEN: Final = (
+    *("timer", "x", "y", "cosine", "sine", "x_speed", "y_speed", "steering", "steering_input"),
+    *("brake", "brake", "throttle", "throttle", *_LAST_NAMES),
+)
+"""Columns of a record in the order in which its numbers are written."""
+_SEPARATORS: Final = [
+    b"[",
+    b", [",
+    b", ",
+    f", {GROUND}], [".encode(),
+    b", ",
+    b", 0.0], [",
+    b", ",
+    b", 0.0], ",
+    *(b", ",) * (len(_WRITTEN) - 8),
+    b"], ",
+]
+"""Texts before each number of a record, and after the last."""
 
 
 def _road_of(test: Test) -> Road | None:
