@@ -5,7 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Final
 
+from frenetic._support.arrays import evenly
 from frenetic.campaign.configuration import fault_of
 from frenetic.campaign.counts import Counts
 from frenetic.campaign.database import DATABASE
@@ -13,6 +15,9 @@ from frenetic.campaign.log import results_in_log
 from frenetic.campaign.store import CampaignStore
 from frenetic.campaign.warm_start import read_earlier
 from frenetic.errors import CampaignError
+
+MEASURED: Final = 500
+"""Largest number of tests whose segments a check measures again, unless it is deep; our choice."""
 
 
 @dataclass(frozen=True)
@@ -33,8 +38,16 @@ class CheckReport:
     """Faults, each in one line; empty if the campaign is sound."""
 
 
-def check_campaign(folder: Path | str) -> CheckReport:
+def check_campaign(folder: Path | str, *, is_deep: bool = False) -> CheckReport:
     """Check the campaign in a folder, without changing it.
+
+    All rows are read, and all trajectories compared with their checksums. The trajectories of at
+    most `MEASURED` tests, evenly over the campaign, are decoded, and the values of their segments
+    are measured again.
+
+    Args:
+        folder: the campaign's folder.
+        is_deep: whether all trajectories are decoded and measured, half a millisecond each.
 
     Raises:
         CampaignError: the folder holds no campaign, or one of another format, or one too damaged to
@@ -42,7 +55,7 @@ def check_campaign(folder: Path | str) -> CheckReport:
     """
     folder = Path(folder)
     with CampaignStore.open(folder) as store:
-        findings = list(_findings(store))
+        findings = list(_findings(store, is_deep=is_deep))
         files = (folder / f"{DATABASE}{suffix}" for suffix in ("", "-wal"))
         size = sum(file.stat().st_size for file in files if file.is_file())
         counts, asked, trajectories = Counts(), 0, 0
@@ -54,7 +67,7 @@ def check_campaign(folder: Path | str) -> CheckReport:
     return CheckReport(folder, counts, asked, trajectories, size, tuple(dict.fromkeys(findings)))
 
 
-def _findings(store: CampaignStore) -> Iterator[str]:
+def _findings(store: CampaignStore, *, is_deep: bool) -> Iterator[str]:
     """Yield the faults of a campaign, each in one line."""
     try:
         for (line,) in store.rows("PRAGMA integrity_check"):
@@ -65,8 +78,10 @@ def _findings(store: CampaignStore) -> Iterator[str]:
         _ = store.facts  # raises if a fact is damaged
         for test in read_earlier(store):
             store.earlier_trajectory(test.id)  # raises if the trajectory is damaged
-        for (test_id,) in store.rows("SELECT test FROM finding EXCEPT SELECT id FROM test"):
-            yield f"there are findings of test {test_id}, which is missing"
+        for table, name in (("finding", "findings"), ("segment", "values of the segment")):
+            rows = store.rows(f"SELECT test FROM {table} EXCEPT SELECT id FROM test")  # noqa: S608
+            for (test_id,) in rows:
+                yield f"there are {name} of test {test_id}, which is missing"
         candidates = list(
             store.rows(
                 "SELECT id, result_number FROM test"
@@ -77,11 +92,39 @@ def _findings(store: CampaignStore) -> Iterator[str]:
         yield str(error)
         return
     yield from _numbering_findings(store, candidates)
+    tested = [test_id for test_id, result_number in candidates if result_number is not None]
+    yield from store.faults_of(tested)
     for test_id, result_number in candidates:
+        if result_number is None:
+            try:
+                store.candidate(test_id)
+            except CampaignError as error:
+                yield str(error)
+    yield from _segment_findings(store, tested if is_deep else _sample(tested))
+
+
+def _sample(tests: Sequence[int]) -> list[int]:
+    """Return at most `MEASURED` tests, evenly over the campaign."""
+    return [tests[i] for i in evenly(len(tests), MEASURED)] if tests else []
+
+
+def _segment_findings(store: CampaignStore, tests: Sequence[int]) -> Iterator[str]:
+    """Yield which tests have other values of their segment than their trajectory gives."""
+    for test_id in tests:
         try:
-            store.candidate(test_id) if result_number is None else store.test(test_id)
-        except CampaignError as error:
-            yield str(error)
+            test = store.test(test_id, with_segment=True)
+        except CampaignError:  # a fault of its rows, which is a finding already
+            continue
+        stored, measured = test.stored_values, test.measure()
+        if measured is None and stored is None:
+            continue
+        if measured is None or stored is None:
+            problem = "are missing" if stored is None else "do not belong to its drive"
+        elif differing := stored.differences(measured):
+            problem = f"differ from what its trajectory gives: {', '.join(differing)}"
+        else:
+            continue
+        yield f"the values of the segment of test {test_id} {problem}"
 
 
 def _numbering_findings(

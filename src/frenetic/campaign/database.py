@@ -145,6 +145,11 @@ CREATE TABLE {SEGMENT} (
 """
 
 
+def select_trajectories(count: int) -> str:
+    """Return the statement that reads the packed trajectories of `count` tests."""
+    return f"SELECT id, trajectory FROM {TESTS.test} WHERE id IN ({_placeholders(count)})"  # noqa: S608
+
+
 def select_segments(count: int) -> str:
     """Return the statement that reads the segments of `count` tests."""
     columns = comma_list([column.name for column in SEGMENT_COLUMNS])

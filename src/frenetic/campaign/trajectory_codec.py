@@ -108,25 +108,28 @@ def rounded(trajectory: Trajectory) -> Trajectory:
     return _of_steps(to_steps(trajectory))
 
 
+def check_packed(data: bytes, records: int | None) -> None:
+    """Check that `data` is unchanged since `encode` wrote it, without decoding it.
+
+    Args:
+        data: the packed trajectory.
+        records: number of records that it should hold.
+
+    Raises:
+        CampaignError: the data are damaged, or hold another number of records.
+    """
+    count, _ = _count_and_packed(data)
+    if count != records:
+        raise CampaignError(f"a stored trajectory has {count} records, not {records}")
+
+
 def decode_columns(data: bytes) -> FloatArray:
     """Return the columns in `data`, (11, n), in the order of `RESOLUTIONS`.
 
     Raises:
         CampaignError: `data` is not what `encode` writes.
     """
-    content = data[_CRC.size :]
-    if len(content) < _HEADER.size or zlib.crc32(content) != _CRC.unpack_from(data)[0]:
-        raise CampaignError("a stored trajectory is damaged: it does not match its checksum")
-    count, column_count = _HEADER.unpack_from(content)
-    packed_start = _HEADER.size + column_count
-    indices, packed = content[_HEADER.size : packed_start], content[packed_start:]
-    if indices != _COLUMN_INDICES:
-        raise CampaignError(
-            f"a stored trajectory has the columns {list(indices)}, this version of frenetic reads"
-            f" {list(_COLUMN_INDICES)}: another one wrote it"
-        )
-    if count > MAX_RECORDS:
-        raise CampaignError(f"a stored trajectory is damaged: it claims {count} records")
+    count, packed = _count_and_packed(data)
     # Whole words of 4 bytes, and 8 zeros, which the kernel may read.
     words = np.frombuffer(packed.ljust(4 * ((len(packed) + 3) // 4) + 8, b"\0"), "<u4")
     words = words.astype(np.uint32, copy=False)
@@ -141,6 +144,28 @@ def decode_columns(data: bytes) -> FloatArray:
             " records"
         )
     return columns
+
+
+def _count_and_packed(data: bytes) -> tuple[int, bytes]:
+    """Return the number of records in `data`, and their packed differences.
+
+    Raises:
+        CampaignError: the checksum or the header is not what `encode` writes.
+    """
+    content = data[_CRC.size :]
+    if len(content) < _HEADER.size or zlib.crc32(content) != _CRC.unpack_from(data)[0]:
+        raise CampaignError("a stored trajectory is damaged: it does not match its checksum")
+    count, column_count = _HEADER.unpack_from(content)
+    packed_start = _HEADER.size + column_count
+    indices, packed = content[_HEADER.size : packed_start], content[packed_start:]
+    if indices != _COLUMN_INDICES:
+        raise CampaignError(
+            f"a stored trajectory has the columns {list(indices)}, this version of frenetic reads"
+            f" {list(_COLUMN_INDICES)}: another one wrote it"
+        )
+    if count > MAX_RECORDS:
+        raise CampaignError(f"a stored trajectory is damaged: it claims {count} records")
+    return count, packed
 
 
 def _pack(steps: IntArray) -> bytes:

@@ -19,8 +19,14 @@ MAX_FINDINGS: Final = 20
 
 @click.command()
 @campaign_argument
+@click.option(
+    "--deep",
+    "is_deep",
+    is_flag=True,
+    help="Measure the values of all drives' segments again, not of 500 drives only.",
+)
 @json_option
-def check(campaign: Path, as_json: bool) -> None:
+def check(campaign: Path, is_deep: bool, as_json: bool) -> None:
     """Check the database of a CAMPAIGN, and say what it holds.
 
     The command reads everything and changes nothing, also while the campaign runs. Each fault is a
@@ -28,7 +34,7 @@ def check(campaign: Path, as_json: bool) -> None:
     """
     from frenetic.campaign.check import check_campaign
 
-    report = check_campaign(campaign)
+    report = check_campaign(campaign, is_deep=is_deep)
     counts, findings = report.counts, report.findings
     outstanding = report.asked - counts.result_count
     if as_json:
