@@ -8,14 +8,7 @@ from frenetic.campaign.reader import Order
 from frenetic.campaign.record import Test
 from frenetic.campaign.store import CampaignStore
 from frenetic.oracle.outcome import Outcome
-from frenetic.segments.segment import Segment, segment_of
-
-
-def segment_of_test(test: Test) -> Segment | None:
-    """Return the segment of a stored test; None if its drive has no records."""
-    if test.drive is None or not len(test.drive.trajectory):
-        return None
-    return segment_of(test.road, test.drive, test.result.finding)
+from frenetic.segments.segment import Segment
 
 
 def segments_of(
@@ -40,6 +33,5 @@ def segments_of(
     """
     tests = store.tests(outcome, order_by, limit, with_trajectory=True, with_repeats=with_repeats)
     for test in tests:
-        segment = segment_of_test(test) if test.outcome.is_driven else None
-        if segment is not None:
-            yield test, segment
+        if test.outcome.is_driven and test.segment is not None:
+            yield test, test.segment

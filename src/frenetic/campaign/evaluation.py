@@ -128,11 +128,21 @@ def _trace_of(test: Test, path: Trajectory | None) -> Trace | None:
     """Return the trace of a test's trajectory; None if nothing was driven."""
     if path is None or not test.outcome.is_driven:
         return None
+    if test.segment is not None:  # its drive has been followed along the road already
+        assessment, count = test.segment.assessment, _record_count(path, test.result.duration)
+        if len(assessment.distance) >= count:
+            distance, offset = assessment.distance[:count], assessment.lateral_offset[:count]
+            return Trace(distance, offset, path.speed[:count])
     return _trace_along(test.road, path, test.result.duration)
 
 
 def _trace_along(road: Road, path: Trajectory, duration: float | None) -> Trace:
     """Return the trace of a trajectory up to the end of its drive, which takes `duration` s."""
-    end = np.inf if duration is None else duration + _TIME_ROUNDING
-    n = int(np.searchsorted(path.time, end))
+    n = _record_count(path, duration)
     return Trace.along(road, np.column_stack((path.x[:n], path.y[:n])), path.speed[:n])
+
+
+def _record_count(path: Trajectory, duration: float | None) -> int:
+    """Return the number of records up to the end of a drive, which takes `duration` s."""
+    end = np.inf if duration is None else duration + _TIME_ROUNDING
+    return int(np.searchsorted(path.time, end))

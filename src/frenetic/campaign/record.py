@@ -20,7 +20,7 @@ from frenetic.oracle.outcome import Outcome
 from frenetic.oracle.verdict import Finding, Result, unusable_result
 from frenetic.road import Pose, Road
 from frenetic.search.records import Candidate
-from frenetic.segments.segment import segment_of
+from frenetic.segments.segment import Segment, segment_of
 from frenetic.segments.values import SegmentValues
 from frenetic.spec.terms import DriveSetting
 
@@ -249,6 +249,17 @@ class Test(NotebookRepr):
         )
 
     @cached_property
+    def segment(self) -> Segment | None:
+        """Segment of the drive; None if the drive has no records, or they were not read.
+
+        Raises:
+            CampaignError: the campaign does not record the car.
+        """
+        if self.drive is None or not len(self.drive.trajectory):
+            return None
+        return segment_of(self.road, self.drive, self.result.finding)
+
+    @cached_property
     def segment_values(self) -> SegmentValues | None:
         """Values of the drive's segment: stored values, or measured on the trajectory.
 
@@ -257,11 +268,9 @@ class Test(NotebookRepr):
         Raises:
             CampaignError: the campaign does not record the car.
         """
-        if self.stored_values is not None or not self.outcome.is_driven:
+        if self.stored_values is not None or not self.outcome.is_driven or self.segment is None:
             return self.stored_values
-        if (drive := self.drive) is None or not len(drive.trajectory):
-            return None
-        return SegmentValues.of(segment_of(self.road, drive, self.result.finding), self.result)
+        return SegmentValues.of(self.segment, self.result)
 
     def measure(self) -> SegmentValues | None:
         """Return the values of the drive's segment, measured on the test's trajectory.

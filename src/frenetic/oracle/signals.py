@@ -64,10 +64,12 @@ class LocatedDrive:
             offset: distance left of the ego lane's centre line, (n,) in m.
         """
         n, path = len(distance), drive.trajectory
-        is_later = np.diff(path.time[:n], prepend=-np.inf) > 0.0
+        is_later = np.ones(n, dtype=bool)
+        is_later[1:] = path.time[1:n] > path.time[: n - 1] if n else False
         if n < len(path) or not is_later.all():
             path = Trajectory.from_rows(path.to_rows()[:n][is_later])
-        return cls(road, path, drive.car, drive.rules, distance[is_later], offset[is_later])
+            distance, offset = distance[is_later], offset[is_later]
+        return cls(road, path, drive.car, drive.rules, distance, offset)
 
     @cached_property
     def cached_series(self) -> dict[tuple[str, float], FloatArray]:

@@ -13,7 +13,6 @@ from frenetic._support.files import open_file
 from frenetic.analysis.axes import varied_axes
 from frenetic.analysis.clusters import Clusters
 from frenetic.analysis.coverage import domain_coverage
-from frenetic.analysis.segments import segment_of_test
 from frenetic.campaign.configuration import SPEC
 from frenetic.campaign.record import Test
 from frenetic.campaign.store import CampaignStore
@@ -176,8 +175,7 @@ def _drives(store: CampaignStore, shown: Sequence[int]) -> list[dict[str, Any]]:
         if drive_bytes_left <= 0:
             break
         record = store.test(test_id)
-        segment = segment_of_test(record)
-        if segment is None:
+        if (segment := record.segment) is None:
             continue
         data = drive_data(test_id, record.result, segment, record.candidate.origin)
         data |= files_of(test_id, store)

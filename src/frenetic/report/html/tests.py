@@ -10,7 +10,6 @@ import numpy as np
 
 from frenetic._support.arrays import FloatArray
 from frenetic.analysis.failures import describe_drive
-from frenetic.analysis.segments import segment_of_test
 from frenetic.campaign.record import Test
 from frenetic.campaign.store import CampaignStore
 from frenetic.criteria.criterion import DRIVER, LANE
@@ -224,7 +223,7 @@ def files_of(test_id: int, store: CampaignStore) -> dict[str, Any]:
     road_file = f"{FAILURES}/{name}" if has_file else None
     data: dict[str, Any] = {"road_file": road_file, "minimised": None}
     for minimised in minimised_drives(store, [test_id]).values():  # at most one
-        if (segment := segment_of_test(minimised)) is not None:
+        if (segment := minimised.segment) is not None:
             drive = drive_data(test_id, minimised.result, segment)
             data["minimised"] = {"drive": drive, "file": f"{MINIMISED}/{name}"}
     return data
