@@ -1,0 +1,45 @@
+"""Files of trajectories and documents, byte for byte what pandas and Python's JSON write."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+from msgspec.json import encode
+
+from frenetic import data_frame
+from frenetic.campaign import CampaignStore
+from frenetic.export import export_campaign
+from frenetic.export.official_format import stored_test_document, stored_test_text
+
+pytest_plugins = ["sample_campaign"]
+
+
+def test_csv_is_as_pandas_writes_it(sample_campaign: Path, tmp_path: Path) -> None:
+    folder = export_campaign(sample_campaign, "csv", tmp_path / "csv")
+    frame = data_frame(sample_campaign, "trajectories")
+    text = (folder / "trajectories.csv").read_text()
+    assert text == frame.to_csv(index=False, lineterminator="\n")
+
+
+def test_json_is_as_the_encoder_writes_it(sample_campaign: Path, tmp_path: Path) -> None:
+    folder = export_campaign(sample_campaign, "json", tmp_path / "json")
+    frame = data_frame(sample_campaign, "trajectories")
+    lines = (encode(row) for row in frame.to_dict("records"))
+    assert (folder / "trajectories.jsonl").read_bytes() == b"".join(line + b"\n" for line in lines)
+
+
+def test_the_campaigns_of_several_are_named(sample_campaign: Path, tmp_path: Path) -> None:
+    folder = export_campaign(sample_campaign.parent, "csv", tmp_path / "several")
+    frame = data_frame(sample_campaign.parent, "trajectories")
+    assert list(frame)[:2] == ["campaign", "id"]
+    assert (folder / "trajectories.csv").read_text() == frame.to_csv(
+        index=False, lineterminator="\n"
+    )
+
+
+def test_documents_are_as_json_dumps_writes_them(sample_campaign: Path) -> None:
+    with CampaignStore.open(sample_campaign) as store:
+        for test in store.tests(with_trajectory=True):
+            assert stored_test_text(test) == json.dumps(stored_test_document(test))
