@@ -28,8 +28,8 @@ def list_tests(
 
     Tests come without their trajectories, each with those features and conditions by which the list
     is filtered and sorted. A test without the value by which the list is sorted comes last.
-    Features are those of the segment around the departure, or else the least oob distance. For a
-    condition that a test lacks, the amount without effect counts.
+    Features describe the segment around the departure, or else around the least oob distance. For
+    a condition that a test lacks, the amount without effect counts.
 
     Args:
         store: the campaign.

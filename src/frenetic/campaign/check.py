@@ -10,12 +10,15 @@ from typing import Final
 from frenetic._support.arrays import evenly
 from frenetic.campaign.configuration import fault_of
 from frenetic.campaign.counts import Counts
-from frenetic.campaign.database import DATABASE
+from frenetic.campaign.database import DATABASE, select_trajectories
 from frenetic.campaign.log import results_in_log
 from frenetic.campaign.store import CampaignStore
+from frenetic.campaign.trajectory_codec import check_packed
 from frenetic.campaign.warm_start import read_earlier
 from frenetic.errors import CampaignError
 
+_BATCH: Final = 500
+"""Number of tests whose rows are read at once; our choice."""
 MEASURED: Final = 500
 """Largest number of tests whose segments a check measures again, unless it is deep; our choice."""
 
@@ -93,7 +96,7 @@ def _findings(store: CampaignStore, *, is_deep: bool) -> Iterator[str]:
         return
     yield from _numbering_findings(store, candidates)
     tested = [test_id for test_id, result_number in candidates if result_number is not None]
-    yield from store.faults_of(tested)
+    yield from _row_findings(store, tested)
     for test_id, result_number in candidates:
         if result_number is None:
             try:
@@ -101,6 +104,34 @@ def _findings(store: CampaignStore, *, is_deep: bool) -> Iterator[str]:
             except CampaignError as error:
                 yield str(error)
     yield from _segment_findings(store, tested if is_deep else _sample(tested))
+
+
+def _row_findings(store: CampaignStore, tests: Sequence[int]) -> Iterator[str]:
+    """Yield the faults of the rows of some tests.
+
+    Trajectories are compared with their checksums, not decoded.
+    """
+    for start in range(0, len(tests), _BATCH):
+        batch = tests[start : start + _BATCH]
+        try:
+            read_tests = store.tests_with_ids(batch)
+        except CampaignError as error:
+            if len(batch) == 1:
+                yield str(error)
+            else:
+                for test_id in batch:
+                    yield from _row_findings(store, [test_id])
+            continue
+        trajectories = dict(store.rows(select_trajectories(len(batch)), batch))
+        for test in read_tests:
+            packed = trajectories[test.id]
+            try:
+                if packed is not None:
+                    check_packed(packed, test.records)
+                elif test.records is not None:
+                    raise CampaignError("it is gone")
+            except CampaignError as error:
+                yield f"the trajectory of test {test.id}: {error}"
 
 
 def _sample(tests: Sequence[int]) -> list[int]:
@@ -112,7 +143,7 @@ def _segment_findings(store: CampaignStore, tests: Sequence[int]) -> Iterator[st
     """Yield which tests have other values of their segment than their trajectory gives."""
     for test_id in tests:
         try:
-            test = store.test(test_id, with_segment=True)
+            (test,) = store.tests_with_ids([test_id], with_trajectory=True)
         except CampaignError:  # a fault of its rows, which is a finding already
             continue
         stored, measured = test.stored_values, test.measure()

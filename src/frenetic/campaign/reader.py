@@ -26,10 +26,9 @@ from frenetic.campaign.database import (
     comma_list,
     errors_about,
     select_segments,
-    select_trajectories,
 )
 from frenetic.campaign.record import Test
-from frenetic.campaign.trajectory_codec import check_packed, decode
+from frenetic.campaign.trajectory_codec import decode
 from frenetic.errors import CampaignError
 from frenetic.oracle.drive import Trajectory
 from frenetic.oracle.outcome import Outcome
@@ -204,26 +203,15 @@ class CampaignReader(NotebookRepr):
     def _ids(self, select: str) -> list[int]:
         return [number for (number,) in self._select(select)]
 
-    def test(
-        self,
-        id: int,  # noqa: A002
-        with_trajectory: bool = True,
-        *,
-        with_segment: bool = False,
-    ) -> Test:
+    def test(self, id: int, with_trajectory: bool = True) -> Test:  # noqa: A002
         """Return the test of the candidate with this id.
-
-        Args:
-            id: id of the candidate.
-            with_trajectory: whether to read the trajectory.
-            with_segment: whether to read the values of the segment, as for `tests`.
 
         Raises:
             CampaignError: no test has this id (the message names the existing ids), or the test is
                 damaged.
         """
         number = self._existing_id(id, "test of candidate", "result_number IS NOT NULL")
-        return self._read([number], with_trajectory, with_segments=with_segment)[0]
+        return self._read([number], with_trajectory)[0]
 
     def trajectory(self, id: int) -> Trajectory | None:  # noqa: A002
         """Return the trajectory of the candidate with this id; None if nothing was driven.
@@ -244,46 +232,14 @@ class CampaignReader(NotebookRepr):
                 raise self._damaged(f"the trajectory of {tables.label} {number} is gone")
         return None
 
-    def faults_of(self, ids: Sequence[int]) -> Iterator[str]:
-        """Yield what is wrong with the rows of these tests, each fault in a line.
+    def tests_with_ids(self, ids: Sequence[int], *, with_trajectory: bool = False) -> list[Test]:
+        """Return the tests with these ids, at most some hundreds, with the values of segments.
 
-        Trajectories are compared with their checksums, not decoded.
+        Raises:
+            CampaignError: a test is damaged or missing.
         """
-        for start in range(0, len(ids), _BATCH):
-            batch = ids[start : start + _BATCH]
-            try:
-                tests = self._read(batch)
-            except CampaignError:
-                yield from self._faults_of_each(batch)
-                continue
-            yield from self._faults_of_drives(tests)
-
-    def _faults_of_each(self, ids: Sequence[int]) -> Iterator[str]:
-        for number in ids:
-            try:
-                tests = self._read([number])
-            except CampaignError as error:
-                yield str(error)
-            else:
-                yield from self._faults_of_drives(tests)
-
-    def _faults_of_drives(self, tests: Sequence[Test]) -> Iterator[str]:
-        """Yield the faults of the trajectories and segments of these tests."""
-        ids = [test.id for test in tests]
-        trajectories = dict(self._select(select_trajectories(len(ids)), ids))
-        segments = {row[0]: row[1:] for row in self._select(select_segments(len(ids)), ids)}
-        for test in tests:
-            packed, segment = trajectories[test.id], segments.get(test.id)
-            try:
-                with self._reading(f"test {test.id}"):
-                    if (packed is None) != (test.records is None):
-                        raise ValueError("its trajectory is gone")
-                    if packed is not None:
-                        check_packed(packed, test.records)
-                    if segment is not None:
-                        read_segment(segment)
-            except CampaignError as error:
-                yield str(error)
+        self.write()
+        return self._read(ids, with_trajectory, with_segments=True)
 
     def earlier(self) -> list[Test]:
         """Return the tests of other campaigns, and the real roads, from which the search starts.

@@ -140,8 +140,7 @@ def decode_columns(data: bytes) -> FloatArray:
         raise CampaignError("a stored trajectory is damaged: a value is out of range")
     if answer:
         raise CampaignError(
-            f"a stored trajectory is damaged: its {len(packed)} bytes are not those of {count}"
-            " records"
+            f"a stored trajectory is damaged: its {len(packed)} bytes do not hold {count} records"
         )
     return columns
 
