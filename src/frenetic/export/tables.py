@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, nullcontext
+from operator import attrgetter
 from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Final, Literal, TypeAlias, get_args
@@ -14,7 +15,7 @@ from msgspec import to_builtins
 from frenetic._support.words import pip_install, rounded_seconds
 from frenetic.analysis.groups import find_campaigns
 from frenetic.campaign.campaign import Campaign
-from frenetic.campaign.columns import TEST_COLUMNS, value_at
+from frenetic.campaign.columns import TEST_COLUMNS
 from frenetic.campaign.record import Test
 from frenetic.campaign.store import CampaignStore
 from frenetic.conditions.condition import SEED
@@ -22,7 +23,7 @@ from frenetic.errors import FreneticError
 from frenetic.oracle.drive import Trajectory
 from frenetic.oracle.outcome import Outcome, chosen_outcomes
 from frenetic.oracle.verdict import Side
-from frenetic.road import profile
+from frenetic.road import Pose, profile
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -33,10 +34,10 @@ CampaignSource: TypeAlias = Campaign | CampaignStore | Path | str
 CampaignTest: TypeAlias = tuple[str, Test]
 """Folder of a campaign, and one of the campaign's tests."""
 
-_PATHS: Final[Mapping[str, Sequence[str]]] = {
-    column.name: column.attributes for column in TEST_COLUMNS
-}
-"""Name of a column -> attributes that lead from a test to the column's value."""
+_PLAIN_COLUMNS: Final = [column for column in TEST_COLUMNS if column.parent != "pose"]
+"""Columns whose values every test has; a test may have no pose."""
+_plain_values: Final = attrgetter(*(column.path for column in _PLAIN_COLUMNS))
+"""Function that returns a test's values of these columns."""
 _KINDS: Final = {column.name: column.kind for column in TEST_COLUMNS}
 """Name of a column -> kind of its values in the database."""
 _DEPARTURE: Final = ("time", "distance", "x", "y", "side")
@@ -223,7 +224,11 @@ def _test_frame(tests: Iterable[CampaignTest], conditions: Iterable[str]) -> pd.
 
 def _row_of(test: Test) -> dict[str, Any]:
     """Return the row of a test: name of a column -> value."""
-    row = {name: value_at(test, path) for name, path in _PATHS.items()}
+    row = {
+        column.name: value
+        for column, value in zip(_PLAIN_COLUMNS, _plain_values(test), strict=True)
+    }
+    row |= {name: getattr(test.pose, name, None) for name in Pose._fields}
     candidate, departure = test.candidate, test.departure
     curvatures = candidate.curvatures
     row["outcome"] = str(test.outcome)
@@ -233,7 +238,7 @@ def _row_of(test: Test) -> dict[str, Any]:
     row["length"] = max(len(curvatures) - 1, 0) * candidate.step
     row["max_curvature"] = np.abs(curvatures).max() if len(curvatures) else None
     for name in DICTIONARY_COLUMNS:
-        row[name] = to_builtins(row[name]) or None
+        row[name] = (to_builtins(row[name]) or None) if row[name] else None
     if departure is not None:
         row |= {f"departure_{name}": getattr(departure, name) for name in _DEPARTURE}
         row["departure_time"] = rounded_seconds(departure.time)

@@ -13,6 +13,7 @@ from frenetic._support.files import open_file
 from frenetic.analysis.axes import varied_axes
 from frenetic.analysis.clusters import Clusters
 from frenetic.analysis.coverage import domain_coverage
+from frenetic.analysis.failures import Failure
 from frenetic.campaign.configuration import SPEC
 from frenetic.campaign.record import Test
 from frenetic.campaign.store import CampaignStore
@@ -174,10 +175,11 @@ def _drives(store: CampaignStore, shown: Sequence[int]) -> list[dict[str, Any]]:
     for test_id in shown:
         if drive_bytes_left <= 0:
             break
-        record = store.test(test_id)
+        (record,) = store.tests_with_ids([test_id], with_trajectory=True)
         if (segment := record.segment) is None:
             continue
-        data = drive_data(test_id, record.result, segment, record.candidate.origin)
+        origin, failure = record.candidate.origin, Failure.of_driven(record)
+        data = drive_data(test_id, record.result, segment, origin, failure)
         data |= files_of(test_id, store)
         if conditions := as_text(record.candidate.conditions):
             data["reason"] += f"; {conditions}"

@@ -9,7 +9,7 @@ from typing import Any, ClassVar, Final
 import numpy as np
 
 from frenetic._support.arrays import FloatArray
-from frenetic.analysis.failures import describe_drive
+from frenetic.analysis.failures import Failure, describe, describe_drive
 from frenetic.campaign.record import Test
 from frenetic.campaign.store import CampaignStore
 from frenetic.criteria.criterion import DRIVER, LANE
@@ -144,6 +144,7 @@ def drive_data(
     result: Result,
     segment: Segment,
     origin: Origin | None = None,
+    failure: Failure | None = None,
 ) -> dict[str, Any]:
     """Return a test with its road and its drive for the script, a few kilobytes in SI units.
 
@@ -152,14 +153,16 @@ def drive_data(
         result: result of the drive.
         segment: a segment of the drive; any will do.
         origin: origin of the candidate; None if it is not shown.
+        failure: failure or near miss of the drive, if it is known.
     """
+    happens = describe_drive(segment, result) if failure is None else describe(failure)
     drive, road, departure = segment.drive, segment.road, result.departure
     car = drive.car
     return {
         "id": id,
         "outcome": result.outcome,
         "reason": result.reason,
-        "happens": describe_drive(segment, result),
+        "happens": happens,
         "moobd": _rounded(result.moobd, 2),
         "moobd_distance": _rounded(result.moobd_distance, 2),
         "max_oob_share": _rounded(result.max_oob_share, 2),
