@@ -29,6 +29,10 @@ _NAMES: Final = Trajectory.names()
 _DECIMALS: Final = np.array([round(-math.log10(RESOLUTIONS[name])) for name in _NAMES])
 """Number of decimals of each column of a stored trajectory."""
 
+_REPEATED: Final = ("id", "time", "steering_input", "throttle", "brake")
+"""Columns with few different values, for which Parquet keeps a dictionary: for the others it would
+take a third of the time, and more bytes."""
+
 
 @contextmanager
 def _json_file(path: Path, *, are_named: bool) -> Iterator[RowWriter]:
@@ -95,7 +99,10 @@ def _parquet_file(path: Path, *, are_named: bool) -> Iterator[RowWriter]:
 
     empty = frame_of("trajectories", (), (), are_named=are_named)
     schema = pa.Schema.from_pandas(empty, preserve_index=False)
-    with ParquetWriter(path.with_suffix(".parquet"), schema, compression="zstd") as file:
+    repeated = [name for name in (*_REPEATED, "campaign") if name in schema.names]
+    with ParquetWriter(
+        path.with_suffix(".parquet"), schema, compression="zstd", use_dictionary=repeated
+    ) as file:
 
         def write(tests: Sequence[CampaignTest]) -> None:
             driven = [
