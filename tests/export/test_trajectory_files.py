@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
-import pytest
 from msgspec.json import encode
 
 from frenetic import data_frame

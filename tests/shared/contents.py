@@ -18,7 +18,7 @@ RUN_COLUMNS = ("seconds", "finished_at", "elapsed", "worker")
 
 
 def contents(folder: Path, *, without: tuple[str, ...] = ()) -> dict[str, list[tuple[object, ...]]]:
-    """Return all tests and findings, without times, workers and the columns `without`."""
+    """Return all tests, findings and segments, without times, workers and the columns `without`."""
     with closing(sqlite3.connect(folder / "campaign.sqlite")) as connection:
         columns = ", ".join(
             row[1]
@@ -28,6 +28,7 @@ def contents(folder: Path, *, without: tuple[str, ...] = ()) -> dict[str, list[t
         queries = {
             "test": f"SELECT {columns} FROM test ORDER BY id",
             "finding": "SELECT * FROM finding ORDER BY test, number",
+            "segment": "SELECT * FROM segment ORDER BY test",
         }
         return {name: connection.execute(query).fetchall() for name, query in queries.items()}
 
@@ -49,7 +50,7 @@ def stored_values(folder: Path) -> list[object]:
                 store.config,
                 store.facts,
                 store.earlier(),
-                list(store.tests(with_trajectory=True)),
+                list(store.tests(with_trajectory=True, with_segments=True)),
                 list(store.candidates()),
                 store.counts(),
                 store.elapsed(),

@@ -320,8 +320,9 @@ class CampaignReader(NotebookRepr):
 
     def _segments(self, ids: Sequence[int]) -> dict[int, SegmentValues]:
         """Return the stored values of the segments of these tests, by id."""
-        segments = {}
-        for number, *row in self._select(select_segments(len(ids)), ids):
+        segments: dict[int, SegmentValues] = {}
+        rows = self._select(select_segments(len(ids)), ids) if ids else []
+        for number, *row in rows:
             with self._reading(f"test {number}"):
                 segments[number] = read_segment(row)
         return segments
