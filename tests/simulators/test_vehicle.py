@@ -335,6 +335,35 @@ class TestTyres:
         )
         assert front_y / front_z == pytest.approx(0.4 * rear_y / rear_z, rel=1e-4)
 
+    def test_the_engine_drives_the_axles_by_their_shares(self) -> None:
+        for share in (0.0, 0.4, 1.0):
+            car = replace(CAR, drive_front_share=share, engine_acceleration=2.0)
+            front_x, _, _, rear_x, _, _ = axle_forces(at(10.0), 1.0, 0.0, car.to_array())
+            assert front_x == pytest.approx(share * CAR.mass * 2.0)
+            assert rear_x == pytest.approx((1.0 - share) * CAR.mass * 2.0)
+
+    @pytest.mark.parametrize("share", [0.0, 0.5, 1.0])
+    def test_the_driven_tyres_limit_how_a_strong_engine_moves_the_load(self, share: float) -> None:
+        car = replace(CAR, drive_front_share=share, engine_acceleration=30.0)
+        front_x, _, front_z, rear_x, _, rear_z = axle_forces(at(10.0), 1.0, 0.0, car.to_array())
+        usable = car.slip_control * car.grip
+        assert front_x == pytest.approx(usable * front_z if share else 0.0)
+        assert rear_x == pytest.approx(usable * rear_z if share < 1.0 else 0.0)
+        # The load that moves back belongs to the acceleration of these forces.
+        at_rest = CAR.mass * GRAVITY * CAR.rear_axle / CAR.wheelbase
+        moved = (front_x + rear_x) * CAR.cg_height / CAR.wheelbase
+        assert at_rest - front_z == pytest.approx(moved)
+
+    def test_a_lower_weight_of_the_force_along_a_wheel_leaves_more_grip_across(self) -> None:
+        state = at(20.0, vy=-20.0)  # a slip at which the tyres slide
+        for weight in (0.0, 0.5, 1.0):
+            car = replace(CAR, along_weight=weight)
+            front_x, front_y, front_z, *_ = axle_forces(state, 0.0, 1.0, car.to_array())
+            free = replace(CAR, slip_control=1e-9)
+            _, free_y, free_z, *_ = axle_forces(state, 0.0, 1.0, free.to_array())
+            left = math.sqrt((car.grip * front_z) ** 2 - (weight * front_x) ** 2)
+            assert front_y / free_y == pytest.approx(left / (car.grip * free_z))
+
     def test_a_sharp_turn_reaches_the_grip_limit(self) -> None:
         driven = simulate(FREE, at(20.0), constant_inputs(0.12), 2.0)
         lateral = [rates(FREE, s)[LATERAL_SPEED] + s[SPEED] * s[YAW_RATE] for s in driven]

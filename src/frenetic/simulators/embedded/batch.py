@@ -40,7 +40,7 @@ class CompiledDrive:
     vehicle: Vehicle
     """The car, as the driver's setup has it."""
     parameters: FloatArray
-    """`Vehicle.to_array` of the car as it is loaded, (30,)."""
+    """`Vehicle.to_array` of the car as it is loaded, (32,)."""
     weather: FloatArray | None
     """See `frenetic.simulators.embedded.weather`."""
     state: FloatArray

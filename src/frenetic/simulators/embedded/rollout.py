@@ -112,7 +112,7 @@ class CarArrays(NamedTuple):
     bodies: FloatArray
     """The cars' boxes, (n, 3), see `CarBody.to_array`."""
     vehicles: FloatArray
-    """`Vehicle.to_array` of each car, (n, 30)."""
+    """`Vehicle.to_array` of each car, (n, 32)."""
     states: FloatArray
     """State of each car, (n, 7): at the start, then at the end of the drive."""
     records: FloatArray

@@ -53,9 +53,11 @@ from frenetic.simulators.embedded.vehicle import (
     ACROSS,
     AHEAD,
     AIR_DRAG,
+    ALONG_WEIGHT,
     BRAKE_FORCE,
     BRAKE_FRONT_SHARE,
     CRAWL_SPEED,
+    DRIVE_FRONT_SHARE,
     ENGINE_FORCE,
     FRONT,
     FRONT_TYRE_B,
@@ -190,12 +192,14 @@ def axle_forces(
     rear_limit = p[SLIP_CONTROL] * rear_peak
     front_braking = braking * max(p[BRAKE_FRONT_SHARE], front_share)
     rear_braking = braking - front_braking
-    front_x = _clip(-front_braking * front_fade, -front_limit, front_limit)
-    rear_x = _clip(engine - rear_braking * rear_fade, -rear_limit, rear_limit)
+    front_engine = p[DRIVE_FRONT_SHARE] * engine
+    front_x = _clip(front_engine - front_braking * front_fade, -front_limit, front_limit)
+    rear_x = _clip(engine - front_engine - rear_braking * rear_fade, -rear_limit, rear_limit)
 
-    # Forces across the wheels: the friction circle leaves at most this much.
-    front_left = math.sqrt(front_peak * front_peak - front_x * front_x)
-    rear_left = math.sqrt(rear_peak * rear_peak - rear_x * rear_x)
+    # Forces across the wheels: the limit of the tyres leaves at most this much.
+    front_along, rear_along = p[ALONG_WEIGHT] * front_x, p[ALONG_WEIGHT] * rear_x
+    front_left = math.sqrt(front_peak * front_peak - front_along * front_along)
+    rear_left = math.sqrt(rear_peak * rear_peak - rear_along * rear_along)
     front_y = front_left * _lateral_grip_used(front_rolling, front_sliding, p[FRONT_TYRE_B], p)
     rear_y = rear_left * _lateral_grip_used(rear_rolling, rear_sliding, p[TYRE_B], p)
     return front_x, front_y, front_z, rear_x, rear_y, rear_z
@@ -285,12 +289,14 @@ def _parameters_of(side: FloatArray, i: int) -> _Parameters:
     """Return the parameters of car ``i`` of the array in `advance`."""
     q, n = _GROUND * MOST_CARS + i, MOST_CARS
     return (
-        *(side[q + 0 * n], side[q + 1 * n], side[q + 2 * n], side[q + 3 * n], side[q + 4 * n]),
-        *(side[q + 5 * n], side[q + 6 * n], side[q + 7 * n], side[q + 8 * n], side[q + 9 * n]),
-        *(side[q + 10 * n], side[q + 11 * n], side[q + 12 * n], side[q + 13 * n], side[q + 14 * n]),
-        *(side[q + 15 * n], side[q + 16 * n], side[q + 17 * n], side[q + 18 * n], side[q + 19 * n]),
-        *(side[q + 20 * n], side[q + 21 * n], side[q + 22 * n], side[q + 23 * n], side[q + 24 * n]),
-        *(side[q + 25 * n], side[q + 26 * n], side[q + 27 * n], side[q + 28 * n], side[q + 29 * n]),
+        *(side[q + 0 * n], side[q + 1 * n], side[q + 2 * n], side[q + 3 * n]),
+        *(side[q + 4 * n], side[q + 5 * n], side[q + 6 * n], side[q + 7 * n]),
+        *(side[q + 8 * n], side[q + 9 * n], side[q + 10 * n], side[q + 11 * n]),
+        *(side[q + 12 * n], side[q + 13 * n], side[q + 14 * n], side[q + 15 * n]),
+        *(side[q + 16 * n], side[q + 17 * n], side[q + 18 * n], side[q + 19 * n]),
+        *(side[q + 20 * n], side[q + 21 * n], side[q + 22 * n], side[q + 23 * n]),
+        *(side[q + 24 * n], side[q + 25 * n], side[q + 26 * n], side[q + 27 * n]),
+        *(side[q + 28 * n], side[q + 29 * n], side[q + 30 * n], side[q + 31 * n]),
     )
 
 
@@ -369,7 +375,7 @@ def advance(
     Args:
         states: (n, 7) states, see the module's text.
         inputs: (n, 3) angles asked of the front wheels in rad, throttle and brake.
-        grounds: (n, 30) parameters of each car on the ground under it, see `Vehicle.to_array`.
+        grounds: (n, 32) parameters of each car on the ground under it, see `Vehicle.to_array`.
         cars: numbers of the cars that move, at most `MOST_CARS`.
         dt: length of a step in s, at most 0.01.
         steps: number of steps.

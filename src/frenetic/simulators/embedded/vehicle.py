@@ -18,7 +18,7 @@ import numpy as np
 from msgspec import Meta
 
 from frenetic._support.arrays import FloatArray
-from frenetic._support.bounds import NotNegative, Positive, check
+from frenetic._support.bounds import NotNegative, Positive, Share, check
 from frenetic.drivers.driver import DriveSetup
 from frenetic.oracle.drive import CarBody, Rules
 from frenetic.road import Road
@@ -50,7 +50,7 @@ BRAKE_FRONT_SHARE: Final = 16  # share of the brake force at the front axle, at 
 AIR_DRAG: Final = 17  # N per (m/s)²
 ROLLING_DRAG: Final = 18  # N
 LEAST_ACCELERATION: Final = 19  # m/s², negative: the hardest braking that the tyres allow
-MOST_ACCELERATION: Final = 20  # m/s², the largest that the rear tyres allow
+MOST_ACCELERATION: Final = 20  # m/s², the largest that the driven tyres allow
 FRONT_TYRE_B: Final = 21  # 1/rad, TYRE_B of the front axle
 ACROSS: Final = 22  # m/s², load on the tyres per mass: gravity's acceleration on flat ground
 # The tilt of the ground and the push of a gust: neutral on flat ground without a gust.
@@ -63,7 +63,9 @@ SKEW: Final = 26
 LEFT: Final = 27
 TURN: Final = 28
 TWIST: Final = 29  # rad/s
-PARAMETER_COUNT: Final = 30
+DRIVE_FRONT_SHARE: Final = 30  # share of the engine's force at the front axle
+ALONG_WEIGHT: Final = 31  # weight of the force along a wheel in the tyres' limit
+PARAMETER_COUNT: Final = 32
 
 _PositiveShare: TypeAlias = Annotated[float, Meta(gt=0.0, le=1.0)]
 _STABLE_STEP: Final = 2.0
@@ -149,6 +151,11 @@ class Vehicle:
     front_stiffness: Positive = 1.0
     """Cornering stiffness of the front tyres, as a multiple of the rear tyres'; below 1 the car
     understeers."""
+    drive_front_share: Share = 0.0
+    """Share (0..1) of the engine's force at the front axle: 0 for rear-wheel drive."""
+    along_weight: Share = 1.0
+    """Weight (0..1) of the force along a wheel in the limit that it shares with the force across:
+    1 for the friction circle."""
 
     def __post_init__(self) -> None:
         check(vars(self), Vehicle)
@@ -297,12 +304,25 @@ class Vehicle:
         p[ACROSS] = GRAVITY
         p[AHEAD] = p[LEFT] = p[TURN] = 1.0
         p[LEAST_ACCELERATION] = -usable * GRAVITY
-        # The rear axle drives with μ F_z, and the acceleration a adds to its load:
-        # m a = μ m (g l_f + a h) / l.
-        p[MOST_ACCELERATION] = (
-            usable * GRAVITY * self.front_axle / (self.wheelbase - usable * self.cg_height)
-        )
+        p[DRIVE_FRONT_SHARE] = self.drive_front_share
+        p[ALONG_WEIGHT] = self.along_weight
+        p[MOST_ACCELERATION] = self._most_acceleration(usable)
         return p
+
+    def _most_acceleration(self, usable: float) -> float:
+        """Return the largest acceleration that the driven tyres allow, in m/s².
+
+        Args:
+            usable: the share of the friction coefficient μ that driving may use.
+        """
+        if 0.0 < self.drive_front_share < 1.0:
+            return usable * GRAVITY
+        # The acceleration a takes load from the front axle and adds it to the rear one. A driven
+        # rear axle has m a = μ m (g l_f + a h) / l, a front one m a = μ m (g l_r - a h) / l.
+        shift = usable * self.cg_height
+        if self.drive_front_share == 0.0:
+            return usable * GRAVITY * self.front_axle / (self.wheelbase - shift)
+        return usable * GRAVITY * self.rear_axle / (self.wheelbase + shift)
 
 
 CARS: Final[Mapping[str, Mapping[str, float]]] = {
@@ -359,8 +379,8 @@ wheels do not slide before the friction limit and hold it beyond, so the tyres a
 step rate allows and their force has no peak; they steer at once; nothing but the engine's limit of
 80 km/h holds the car back under throttle. It brakes by 8 m/s², beyond which MetaDrive's rear tyres
 begin to slide. MetaDrive drives all wheels, and its friction limit counts forces along a wheel
-half, which this model cannot. To leave as much grip for cornering, half of it is open to driving
-and braking, so this car starts with 2.1 instead of 2.9 m/s² and brakes by 4.4 m/s².
+half; this car has neither. To leave as much grip for cornering, half of it is open to driving and
+braking, so this car starts with 2.1 instead of 2.9 m/s² and brakes by 4.4 m/s².
 
 ``etk800`` is the car that BeamNG.AI drives in the competition, as far as this model allows;
 `docs/beamng-ai.md` says what is known of it and what is fitted to recorded drives.
