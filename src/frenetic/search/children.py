@@ -19,6 +19,7 @@ NEW_DIFFERENCE = ALIKE
 is new for the search is new for the analysis, too."""
 _LIKELIEST_OF = 6  # children of which the likeliest to fail is chosen (our choice)
 _MAX_FORESEEN = 40  # children that foresight looks at for one road (our choice)
+_FORESEEN_AT_ONCE = 8  # of these children that it looks at together (our choice)
 
 
 class Child(NamedTuple):
@@ -43,11 +44,11 @@ class Child(NamedTuple):
 def choose_foreseen(
     children: Iterator[Child], foresight: Foresight, archive: Archive, step: float
 ) -> Child | None:
-    """Return the first child that is foreseen to fail differently from every known failure.
+    """Return a child that is foreseen to fail differently from every known failure.
 
-    "Differently" is by `NEW_DIFFERENCE`. If there is no such child, return the child of the largest
-    promise, see `promise_of`; None without children. The child has the side and the approach that
-    are foreseen.
+    "Differently" is by `NEW_DIFFERENCE`. Foresight looks at some children at once, until there is
+    such a child among them. The child is the one of the largest promise, see `promise_of`; None
+    without children. It has the side and the approach that are foreseen.
 
     Args:
         children: Children, which are drawn only as they are looked at.
@@ -56,15 +57,20 @@ def choose_foreseen(
         step: Distance between two curvatures, in m.
     """
     best, largest = None, -math.inf
-    for child in islice(children, _MAX_FORESEEN):
-        # A candidate for the model alone: it has no id and no origin yet.
-        candidate = Candidate(0, child.curvatures, step, Origin(""), **child.fields)
-        promise, place = promise_of(candidate, foresight, archive)
-        if best is None or promise > largest:
-            best, largest = child, promise
-            if place is not None:
-                best = child._replace(side=place.side, vector=place.vector)
-        if promise >= NEW_DIFFERENCE:
+    children = islice(children, _MAX_FORESEEN)
+    while batch := list(islice(children, _FORESEEN_AT_ONCE)):
+        # Candidates for the model alone: they have no id and no origin yet.
+        candidates = [
+            Candidate(0, child.curvatures, step, Origin(""), **child.fields) for child in batch
+        ]
+        foreseen = foresight.foresee(candidates)
+        for child, candidate, evaluation in zip(batch, candidates, foreseen, strict=True):
+            promise, place = promise_of(candidate, evaluation, archive)
+            if best is None or promise > largest:
+                best, largest = child, promise
+                if place is not None:
+                    best = child._replace(side=place.side, vector=place.vector)
+        if largest >= NEW_DIFFERENCE:
             break
     return best
 

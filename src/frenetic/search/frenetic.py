@@ -95,9 +95,10 @@ class Frenetic(Strategy):
        parent's place and 15 m after it, with the parent's offsets, and with the parent's speeds
        plus the change that a `SpeedModel` predicts. Until the result of a child is known, the child
        counts as a failure there.
-    6. *Foresight*, if it is given, looks at up to 40 children until it expects a child to fail with
-       a difference of 2 m or more from all known failures. The more of its recent children brought
-       new failures, compared with children chosen without it, the more often it chooses.
+    6. *Foresight*, if it is given, looks at up to 40 children, eight at a time, until it expects a
+       child to fail with a difference of 2 m or more from all known failures. The more of its
+       recent children brought new failures, compared with children chosen without it, the more
+       often it chooses.
 
     Nearly half of a failure's children keep their parent's road only from 90 m before the place to
     30 m after it (in a road class 4.6 s of driving before it, and a third of that after it).

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
@@ -29,23 +29,27 @@ class Foresight(Protocol):
     def learn(self, candidate: Candidate, evaluation: Evaluation) -> None:
         """Learn from a drive."""
 
-    def foresee(self, candidate: Candidate) -> Evaluation | None:
-        """Return what the driver will do; None where nothing would be driven."""
+    def foresee(self, candidates: Sequence[Candidate]) -> Sequence[Evaluation | None]:
+        """Return what the driver will do on each road; None where nothing is foreseen."""
 
     def facts(self) -> Mapping[str, Any]:
         """Return facts about the model for reports, see `Strategy.facts`."""
 
 
 def promise_of(
-    candidate: Candidate, foresight: Foresight, archive: Archive
+    candidate: Candidate, evaluation: Evaluation | None, archive: Archive
 ) -> tuple[float, Place | None]:
     """Return the promise of a candidate, in m, and the place that is foreseen.
 
     The promise of a foreseen failure is its difference from the known failures. The promise of a
     foreseen pass is negative: the margin to failing. If nothing is foreseen, it is -infinity, and
     the place is None.
+
+    Args:
+        candidate: The candidate.
+        evaluation: What is foreseen; None for nothing.
+        archive: The archive with the known failures.
     """
-    evaluation = foresight.foresee(candidate)
     if evaluation is None or evaluation.fitness is None:
         return -math.inf, None
     place = critical_places(evaluation, candidate, evaluation.fitness)[0]
