@@ -139,7 +139,7 @@ def _trace_of(test: Test, path: Trajectory | None) -> Trace | None:
 def _trace_along(road: Road, path: Trajectory, duration: float | None) -> Trace:
     """Return the trace of a trajectory up to the end of its drive, which takes `duration` s."""
     n = _record_count(path, duration)
-    return Trace.along(road, np.column_stack((path.x[:n], path.y[:n])), path.speed[:n])
+    return Trace.along(road, np.column_stack((path.x[:n], path.y[:n])), path.speed[:n], path)
 
 
 def _record_count(path: Trajectory, duration: float | None) -> int:

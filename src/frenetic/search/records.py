@@ -14,6 +14,7 @@ from frenetic.oracle.outcome import Outcome
 
 if TYPE_CHECKING:
     from frenetic.errors import Fault
+    from frenetic.oracle.drive import Trajectory
     from frenetic.oracle.verdict import Finding
     from frenetic.road import Pose, Road
     from frenetic.road.classes import RoadClass
@@ -153,13 +154,17 @@ class Trace:
     """Distance left of the ego lane's centre line, (n,) in m."""
     speed: FloatArray
     """Speed, (n,) in m/s."""
+    trajectory: Trajectory | None = None
+    """Trajectory on the map, of n records or more; None if it is not known."""
 
     @classmethod
-    def along(cls, road: Road, path: FloatArray, speed: FloatArray) -> Trace:
+    def along(
+        cls, road: Road, path: FloatArray, speed: FloatArray, trajectory: Trajectory | None = None
+    ) -> Trace:
         """Return the trace of a path, (n, 2) in m on the map, with its speeds, (n,) in m/s."""
         track = road.track(path)
         # The ego lane's centre lies half a lane to the right of the road's centre line.
-        return cls(track[:, 0], track[:, 1] + 0.5 * road.lane_width, speed)
+        return cls(track[:, 0], track[:, 1] + 0.5 * road.lane_width, speed, trajectory)
 
 
 def _no_trace() -> Trace | None:
