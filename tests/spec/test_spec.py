@@ -10,6 +10,7 @@ from dataclasses import fields, replace
 from functools import cache
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from textwrap import dedent
 from typing import Any
 
 import numpy as np
@@ -30,7 +31,7 @@ from frenetic.road import MAP_MARGIN, MAP_SIZE
 from frenetic.road.classes import RoadClass
 from frenetic.search import RandomSearch
 from frenetic.simulators import EmbeddedSimulator, Rules
-from frenetic.spec import DRIVEN, DRIVING_ENTRIES, SPEC_FILE, Budget, Spec
+from frenetic.spec import DRIVEN, DRIVING_ENTRIES, SPEC_FILE, USUAL, Budget, Spec
 from frenetic.spec.run_settings import TERMS_ENTRIES
 from frenetic.spec.terms import Terms
 
@@ -313,6 +314,25 @@ def test_a_spec_makes_the_parts_that_it_names(tmp_path: Path) -> None:
         assert recorded_spec(store.config, source=SOURCE) == campaign.spec
         assert dict(store.setting.conditions) == {"view": 20.0, "noise": 0.1}
     assert Spec.read(tmp_path / "c" / SPEC_FILE) == campaign.spec
+
+
+def test_a_strategy_gets_what_it_asks_for(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    text = """
+        from frenetic.search import RandomSearch
+
+        class Curious(RandomSearch):
+            def __init__(self, *, seed, spec, driver, simulator):
+                super().__init__(seed=seed)
+                self.known = spec, driver, simulator
+        """
+    (tmp_path / "curious.py").write_text(dedent(text), encoding="utf-8")
+    monkeypatch.chdir(tmp_path)
+    spec = Spec(strategy="curious.py:Curious", seed=3, simulations=1)
+    campaign = Campaign.of(spec, folder=tmp_path / "c", workers=1)
+    known_spec, driver, simulator = campaign.strategy.known  # type: ignore[attr-defined]
+    assert Spec.of(known_spec) == Spec.of(USUAL, spec)
+    assert (driver, simulator) == (campaign.tester.driver, campaign.tester.simulator)
+    assert spec.make_strategy().known[1:] == (None, None)  # type: ignore[attr-defined]
 
 
 def test_a_campaign_of_objects_records_roads_and_conditions_only(tmp_path: Path) -> None:

@@ -202,7 +202,7 @@ class Campaign(NotebookRepr):
             spec = structs.replace(spec, roads=spec.driving_spec().roads)
         tester = RoadTester.of(spec)
         return cls(
-            strategy=spec.make_strategy(),
+            strategy=spec.make_strategy(driver=tester.driver, simulator=tester.simulator),
             simulator=tester.simulator,
             driver=tester.driver,
             terms=tester.terms,

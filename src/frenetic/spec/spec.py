@@ -224,13 +224,26 @@ class Spec(RunCode, frozen=True, kw_only=True):
 
     # To parts
 
-    def make_strategy(self) -> Strategy:
-        """Make the strategy; its class may take seed, map size, road class, domain and this spec.
+    def make_strategy(
+        self, *, driver: Driver | None = None, simulator: Simulator | None = None
+    ) -> Strategy:
+        """Make the strategy.
+
+        Its class gets those of these options that it takes: ``seed``, ``map_size``, ``road_class``,
+        ``domain``, ``spec`` (this spec), ``driver`` and ``simulator``.
+
+        Args:
+            driver: driver of the campaign, with which the strategy must not drive: its drives
+                would disturb those of the campaign. None if somebody else drives.
+            simulator: simulator of the campaign, with which the strategy must not drive, either.
 
         Raises:
             FreneticError: the strategy cannot be made.
         """
-        strategy: Strategy = self._make_part("strategy")
+        name, options = self.part("strategy")
+        offered = self._offered_options("strategy", None)
+        offered |= {"driver": driver, "simulator": simulator}
+        strategy: Strategy = REGISTRIES["strategy"].make_from(name, options, offered)
         domain = self.domain
         if domain is not None and domain.conditions and strategy.domain is None:
             raise FreneticError(
@@ -295,6 +308,8 @@ class Spec(RunCode, frozen=True, kw_only=True):
             "road_class": terms.road_class,
             "domain": terms.domain,
             "spec": self,
+            "driver": None,
+            "simulator": None,
         }
 
 

@@ -94,7 +94,7 @@ class LaneCheck:
 
     def _search(self, tester: RoadTester) -> str:
         """Search for failing roads, and return the message about them; empty if there are none."""
-        strategy = self.spec.make_strategy()
+        strategy = self.spec.make_strategy(driver=tester.driver, simulator=tester.simulator)
         budget = self.spec.budget
         assert budget is not None
         with TemporaryDirectory(prefix="frenetic-") as folder:

@@ -87,15 +87,19 @@ def test_the_exit_code_is_1_if_no_run_has_a_judged_drive(frenetic: Frenetic, wig
 
 
 @pytest.mark.heavy
-def test_a_strategys_run_gives_the_same_tests_as_frenetic_run(frenetic: Frenetic) -> None:
-    frenetic("bench", "--strategy", "frenetic", *SMALL)
+@pytest.mark.parametrize("strategy", ["frenetic", "foresight"])
+def test_a_strategys_run_gives_the_same_tests_as_frenetic_run(
+    frenetic: Frenetic, strategy: str
+) -> None:
+    frenetic("bench", "--strategy", strategy, *SMALL)
     Path("run.toml").write_text("max_in_flight = 1\n")
     frenetic(
-        *("run", "run.toml", "--simulations", "12", "--seed", "2", "--workers", "1"),
+        *("run", "run.toml", "--strategy", strategy, "--simulations", "12", "--seed", "2"),
+        *("--workers", "1"),
         *("--out", "alone"),
     )
     exported = []
-    for folder in ("b/frenetic/02", "alone"):
+    for folder in (f"b/{strategy}/02", "alone"):
         answer = frenetic("export", folder, "--format", "json", "--out", f"{folder}-json")
         assert answer.code == 0, answer.err
         lines = Path(f"{folder}-json/tests.jsonl").read_text().splitlines()

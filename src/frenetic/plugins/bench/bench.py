@@ -33,7 +33,6 @@ from frenetic.campaign.summary import Summary
 from frenetic.errors import FreneticError
 from frenetic.parts.named_code import named_code
 from frenetic.parts.records import differences
-from frenetic.parts.registry import STRATEGIES
 from frenetic.parts.signatures import unsigned_text
 from frenetic.parts.versions import package_versions
 from frenetic.plugins.bench.entrants import Entrant, entrant_parts, folder_names
@@ -97,8 +96,7 @@ class Bench:
         folder_names(self.entrants)  # raises if two entrants have the same name
         for entrant in self.entrants:
             if entrant.is_strategy:  # made once, so that wrong options are noticed at once
-                available = {"seed": self.seed, "map_size": self.terms.tester.terms.map_size}
-                STRATEGIES.make_from(entrant.spec, entrant.options, available)
+                self.terms.make_strategy(entrant, self.seed)
 
     @property
     def runs(self) -> list[EntrantRun]:

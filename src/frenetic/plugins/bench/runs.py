@@ -28,7 +28,6 @@ from frenetic.campaign.store import CampaignStore
 from frenetic.campaign.summary import Event, Summary
 from frenetic.campaign.tester import RoadTester
 from frenetic.errors import FreneticError, StrategyError
-from frenetic.parts.registry import STRATEGIES
 from frenetic.plugins.bench.entrants import Entrant
 from frenetic.plugins.bench.generator import GeneratorProcess
 from frenetic.plugins.bench.strategy import (
@@ -39,7 +38,7 @@ from frenetic.plugins.bench.strategy import (
 from frenetic.road import Road, check_validity
 from frenetic.road.validity import interpolate, min_radius, overlaps_itself
 from frenetic.search import Strategy
-from frenetic.spec import Budget
+from frenetic.spec import USUAL, Budget, Spec
 
 WORK: Final = "work"
 """Folder, in a run's folder, that is its generator's working directory."""
@@ -83,6 +82,26 @@ class RunTerms:
     def time(self) -> float:
         """Budget of each run as virtual time, in s."""
         return self.simulations * self.seconds_per_test
+
+    def make_strategy(self, entrant: Entrant, seed: int) -> Strategy:
+        """Make the strategy of an entrant, as `Campaign.of` makes the strategy of a spec.
+
+        Raises:
+            FreneticError: the strategy cannot be made.
+        """
+        tester = self.tester
+        spec = structs.replace(
+            Spec.of(USUAL, tester.spec or Spec()),
+            strategy=part_word(entrant.spec, entrant.options),
+            seed=seed,
+            objective=self.objective,
+            # All entrants search the competition's roads.
+            roads=None,
+            odd=None,
+            map_size=tester.terms.map_size,
+            lane_width=tester.terms.lane_width,
+        )
+        return spec.make_strategy(driver=tester.driver, simulator=tester.simulator)
 
 
 @dataclass(frozen=True)
@@ -147,8 +166,7 @@ def run_entrant(
         ) from None
     facts: dict[str, Any] = {"seconds_per_test": terms.seconds_per_test}
     if run.entrant.is_strategy:
-        available = {"seed": run.seed, "map_size": terms.tester.terms.map_size}
-        strategy: Strategy = STRATEGIES.make_from(run.entrant.spec, run.entrant.options, available)
+        strategy = terms.make_strategy(run.entrant, run.seed)
         ending = _search(_campaign(run, terms, strategy), on_progress)
     else:
         with hosted_generator(run, terms) as generator:
