@@ -17,6 +17,7 @@ import pytest
 from frenetic import CampaignStore, RandomSearch
 from frenetic.campaign.ask_tell import ClientCampaign
 from frenetic.campaign.check import check_campaign
+from frenetic.campaign.guarded_strategy import SEARCH_FACTS
 from frenetic.oracle.outcome import Outcome
 from frenetic.report.html import write_report
 from frenetic.search import Candidate, Evaluation, Origin
@@ -108,6 +109,15 @@ class Loud(RandomSearch):
         print("asked")
         return super().ask()
 """
+
+
+def test_foresight_says_that_it_does_not_know_the_clients_driver(tmp_path: Path) -> None:
+    client = Client(tmp_path / "c", "--strategy", "foresight", "--simulations", "2", "--seed", "1")
+    client.tell(client.road())
+    client.end()
+    with CampaignStore.open(tmp_path / "c") as store:
+        facts: Any = store.fact(SEARCH_FACTS)
+    assert facts["your driver does not drive in the twin"] == "somebody else drives"
 
 
 def test_an_unusable_request_is_answered_and_changes_nothing(tmp_path: Path) -> None:

@@ -24,7 +24,8 @@ from frenetic.campaign.guarded_strategy import SEARCH_FACTS
 from frenetic.drivers.driver import Driver
 from frenetic.errors import CampaignError, FreneticError
 from frenetic.oracle.outcome import Outcome
-from frenetic.plugins.twin.foresight import CAR, LAWS, SPEED, OnlineTwin, foresight
+from frenetic.plugins.twin.foresight import foresight
+from frenetic.plugins.twin.law_twin import CAR, LAWS, SPEED, LawTwin
 from frenetic.plugins.twin.model import TwinModel
 from frenetic.plugins.twin.profile import Fitted, TwinProfile
 from frenetic.search import Candidate, Evaluation, Frenetic, RandomSearch
@@ -62,7 +63,7 @@ def test_a_twin_learns_a_driver_and_predicts_where_it_fails() -> None:
     search = RandomSearch(seed=1)
     roads = [search.ask() for _ in range(60)]
     models = [TwinModel.of(law, [*SPEED, *steering, *CAR]) for law, steering in LAWS.items()]
-    twin = OnlineTwin(models, spec)
+    twin = LawTwin(models, spec)
     drives = drive_all(roads, HIDDEN_DRIVER, spec)
     for candidate, evaluation in drives[:20]:
         twin.learn(candidate, evaluation)
@@ -72,7 +73,7 @@ def test_a_twin_learns_a_driver_and_predicts_where_it_fails() -> None:
     assert facts["loss"] < 0.05
     agreed, differences = 0, []
     for candidate, evaluation in drives[20:]:
-        prediction = twin.foresee(candidate)
+        (prediction,) = twin.foresee([candidate])
         assert prediction is not None
         agreed += prediction.outcome == evaluation.outcome
         if Outcome.FAIL == prediction.outcome == evaluation.outcome:
@@ -138,10 +139,10 @@ def test_a_campaign_with_foresight_finds_more_and_goes_on_with_the_same_roads(
 
 
 def test_a_profile_predicts_from_the_start_and_is_fitted_further(profile: Path) -> None:
-    twin = OnlineTwin([TwinModel.of_profile(TwinProfile.read(profile))], Spec(), is_ready=True)
+    twin = LawTwin([TwinModel.of_profile(TwinProfile.read(profile))], Spec(), is_ready=True)
     search = RandomSearch(seed=2)
     drives = drive_all([search.ask() for _ in range(25)], Stanley(lateral_acceleration=7.5), Spec())
-    assert twin.foresee(drives[0][0]) is not None
+    assert twin.foresee([drives[0][0]]) != [None]
     assert twin.facts() == {"twin": "stanley, lateral_acceleration 7"}
     for candidate, evaluation in drives:
         twin.learn(candidate, evaluation)

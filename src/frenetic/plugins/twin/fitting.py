@@ -135,7 +135,7 @@ class Fitter:
             # Only offset and speed are compared, so the oob shares, which take time, are left out.
             assessment = assess(recorded.road, twin_drive, has_all_shares=False)
             states = states_of(twin_drive, assessment)
-            residuals.append(_residuals_of(states, recorded))
+            residuals.append(residuals_from(recorded, states))
         return residuals
 
     def try_residuals(
@@ -237,7 +237,7 @@ class Fitter:
         return None if residuals is None else FitPoint(unit_values, joined(residuals))
 
 
-def _residuals_of(states: FloatArray, recorded: RecordedDrive) -> FloatArray:
+def residuals_from(recorded: RecordedDrive, states: FloatArray) -> FloatArray:
     """Return the weighted differences of a twin's states from a recorded drive, (2 n,).
 
     A scaled difference d counts as L tanh(d / L), with L = `_SATURATION`. At positions that the
@@ -245,8 +245,8 @@ def _residuals_of(states: FloatArray, recorded: RecordedDrive) -> FloatArray:
     and a difference of speed as L.
 
     Args:
-        states: offset and speed of the twin at its positions, (2, k).
         recorded: the recorded drive, known at n positions.
+        states: offset and speed of the twin at its positions, (2, k).
     """
     n = recorded.states.shape[1]
     both = min(n, states.shape[1])

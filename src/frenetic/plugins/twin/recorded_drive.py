@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Final
+from typing import Final, TypeVar
 
 import numpy as np
 
@@ -14,6 +14,8 @@ from frenetic._support.arrays import FloatArray, IntArray
 from frenetic.oracle.drive import Drive
 from frenetic.oracle.drive_assessment import Assessment
 from frenetic.road import Road
+
+T = TypeVar("T")
 
 GRID: Final = 2.0
 """Distance along the road between two positions at which drives are compared, in m."""
@@ -82,7 +84,7 @@ def states_of(drive: Drive, assessment: Assessment) -> FloatArray:
     )
 
 
-def thinned(drives: Sequence[RecordedDrive], count: int) -> Sequence[RecordedDrive]:
+def thinned(drives: Sequence[T], count: int) -> Sequence[T]:
     """Return evenly spaced drives: ``count`` to nearly twice as many, or all if they are fewer."""
     return drives[:: max(len(drives) // count, 1)]
 
