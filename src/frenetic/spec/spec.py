@@ -23,6 +23,7 @@ from frenetic._support.outside_text import read_json
 from frenetic.errors import FreneticError
 from frenetic.parts.construction import Construction
 from frenetic.parts.named_code import REGISTRIES
+from frenetic.parts.registry import STRATEGIES
 from frenetic.spec.budget import Budget
 from frenetic.spec.files import DRIVEN, converted_entries, read_entries, write_entries
 from frenetic.spec.merging import merged
@@ -229,21 +230,20 @@ class Spec(RunCode, frozen=True, kw_only=True):
     ) -> Strategy:
         """Make the strategy.
 
-        Its class gets those of these options that it takes: ``seed``, ``map_size``, ``road_class``,
-        ``domain``, ``spec`` (this spec), ``driver`` and ``simulator``.
+        Its class may take the options ``seed``, ``map_size``, ``road_class``, ``domain``, ``spec``
+        (this spec), ``driver`` and ``simulator``.
 
         Args:
-            driver: driver of the campaign, with which the strategy must not drive: its drives
-                would disturb those of the campaign. None if somebody else drives.
-            simulator: simulator of the campaign, with which the strategy must not drive, either.
+            driver: driver of the campaign, which the strategy may look at. It must not drive with
+                it, which would disturb the campaign. None if somebody else drives.
+            simulator: simulator of the campaign, which the strategy may look at, too.
 
         Raises:
             FreneticError: the strategy cannot be made.
         """
-        name, options = self.part("strategy")
         offered = self._offered_options("strategy", None)
         offered |= {"driver": driver, "simulator": simulator}
-        strategy: Strategy = REGISTRIES["strategy"].make_from(name, options, offered)
+        strategy: Strategy = STRATEGIES.make_from(*self.part("strategy"), offered)
         domain = self.domain
         if domain is not None and domain.conditions and strategy.domain is None:
             raise FreneticError(

@@ -91,7 +91,7 @@ class RunTerms:
         """
         tester = self.tester
         spec = structs.replace(
-            Spec.of(USUAL, tester.spec or Spec()),
+            Spec() if tester.spec is None else Spec.of(USUAL, tester.spec),
             strategy=part_word(entrant.spec, entrant.options),
             seed=seed,
             objective=self.objective,

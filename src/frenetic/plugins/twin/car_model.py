@@ -60,8 +60,9 @@ PARAMETERS: Final = (
 )
 """Parameters of the car that are fitted, with bounds of our choice."""
 
-_DRIVE_FRONT_SHARE: Final = 0.5  # with which a fit begins: no simulator tells it; our choice
-_ALONG_WEIGHT: Final = 0.8  # likewise
+# With these values every fit begins, because no simulator tells its own; our choice:
+_DRIVE_FRONT_SHARE: Final = 0.5
+_ALONG_WEIGHT: Final = 0.8
 _MAX_LIFT: Final = 0.95  # share of the grip that lifts an axle, at most; our choice
 _STABLE_STEP: Final = 1.98  # just below the decay rate times step that a `Vehicle` accepts
 

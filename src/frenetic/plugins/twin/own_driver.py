@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from types import MappingProxyType
 from typing import Any, Final
 
 import numpy as np
@@ -32,6 +31,7 @@ from frenetic.plugins.twin.recorded_drive import (
 )
 from frenetic.plugins.twin.schedule import FitSchedule
 from frenetic.plugins.twin.twin_drives import (
+    DrivenRoad,
     TwinDrives,
     TwinHost,
     TwinJob,
@@ -152,18 +152,19 @@ class OwnDriverTwin:
     def _drive(self, candidates: Sequence[Candidate], roads: Sequence[Road]) -> list[Drive | None]:
         """Return the twin's drives; None where the driver broke."""
         assert self._drives is not None
-        conditions = [self._conditions(candidate) for candidate in candidates]
-        jobs = [TwinJob(road, dict(own)) for road, own in zip(roads, conditions, strict=True)]
-        body, rules = self._simulator.car, self._rules
-        terms = self._spec.terms
-        return [
-            None
-            if drive.trouble
-            else Drive(drive.trajectory, body, rules_in(terms.conditions_of(own), rules), road)
-            for drive, own, road in zip(
-                self._drives.drive(self._car, jobs), conditions, roads, strict=True
-            )
+        jobs = [
+            TwinJob(road, dict(candidate.conditions))
+            for candidate, road in zip(candidates, roads, strict=True)
         ]
+        driven = self._drives.drive(self._car, jobs)
+        return [self._as_drive(*values) for values in zip(driven, jobs, strict=True)]
+
+    def _as_drive(self, driven: DrivenRoad, job: TwinJob) -> Drive | None:
+        """Return a drive with its road and rules; None if the driver broke."""
+        if driven.trouble:
+            return None
+        rules = rules_in(self._spec.terms.conditions_of(job.conditions), self._rules)
+        return Drive(driven.trajectory, self._simulator.car, rules, job.road)
 
     def facts(self) -> Mapping[str, Any]:
         """Return the parameters of the twin's car, and the twin's loss after the last fit.
@@ -265,9 +266,6 @@ class OwnDriverTwin:
 
     def _road(self, candidate: Candidate) -> Road:
         return candidate.road(self._spec.terms.lane_width, road_class=self._spec.road_class)
-
-    def _conditions(self, candidate: Candidate) -> Mapping[str, float]:
-        return MappingProxyType(candidate.conditions)
 
 
 def _setup_of(simulator: Simulator) -> Any:

@@ -42,8 +42,8 @@ class TwinJob(NamedTuple):
 
 
 @dataclass(frozen=True)
-class TwinDrive:
-    """A drive of the twin."""
+class DrivenRoad:
+    """A road that the twin has driven."""
 
     trajectory: Trajectory = field(default_factory=Trajectory.empty)
     trouble: str = ""
@@ -86,19 +86,19 @@ class TwinHost:
         compile_kernels()
         self._tester = RoadTester(self._simulator, self._driver, self._terms)
 
-    def drive(self, car: Vehicle, jobs: Sequence[TwinJob]) -> list[TwinDrive]:
+    def drive(self, car: Vehicle, jobs: Sequence[TwinJob]) -> list[DrivenRoad]:
         """Drive roads with a car."""
         self._simulator.vehicle = car
         return [self._drive(job) for job in jobs]
 
-    def _drive(self, job: TwinJob) -> TwinDrive:
+    def _drive(self, job: TwinJob) -> DrivenRoad:
         """Drive a road."""
         try:
             drive = self._tester.drive(job.road, job.conditions)
         except FreneticError as error:
-            return TwinDrive(trouble=str(error))
+            return DrivenRoad(trouble=str(error))
         trouble = "" if drive.trouble is None else drive.trouble.reason
-        return TwinDrive(drive.trajectory, trouble)
+        return DrivenRoad(drive.trajectory, trouble)
 
     def close(self) -> None:
         """End nothing."""
@@ -145,7 +145,7 @@ class TwinDrives:
         """Whether the driver ended its process or hung so often that it drives no more."""
         return self._losses >= _MOST_LOSSES
 
-    def drive(self, car: Vehicle, jobs: Sequence[TwinJob]) -> list[TwinDrive]:
+    def drive(self, car: Vehicle, jobs: Sequence[TwinJob]) -> list[DrivenRoad]:
         """Drive roads with a car; a road that loses the process has a trouble."""
         if self._process is None:
             return self._host.drive(car, jobs)
@@ -157,20 +157,20 @@ class TwinDrives:
                 self._note_loss(self._process)
                 trouble = str(error)
         if len(jobs) == 1 or self.is_over:
-            return [TwinDrive(trouble=trouble) for _ in jobs]
+            return [DrivenRoad(trouble=trouble) for _ in jobs]
         return [self.drive(car, [job])[0] for job in jobs]  # to find the road that loses it
 
     def _call(
         self, process: ObjectProcess, car: Vehicle, jobs: Sequence[TwinJob]
-    ) -> list[TwinDrive]:
+    ) -> list[DrivenRoad]:
         """Drive roads in the other process.
 
         Raises:
             LostProcessError: the process was lost.
         """
         limit = self._limit * len(jobs)
-        drives: list[TwinDrive] = process.call(
-            "drive", car, list(jobs), limit=limit, answer=list[TwinDrive]
+        drives: list[DrivenRoad] = process.call(
+            "drive", car, list(jobs), limit=limit, answer=list[DrivenRoad]
         )
         if len(drives) != len(jobs):
             raise CampaignError("the twin's process answered with another number of drives")
