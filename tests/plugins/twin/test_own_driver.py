@@ -8,14 +8,18 @@ import shutil
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 import twin_drivers
+from contents import contents
 from twin_drivers import SHARP, Follower, Forgetful, Leaving, Raising, Seeing, Uncopied, Untouched
 
 from frenetic import BeamngAi, EmbeddedSimulator, Planner, Stanley
+from frenetic.campaign import Campaign, CampaignStore
 from frenetic.campaign.evaluation import evaluate
+from frenetic.campaign.guarded_strategy import SEARCH_FACTS
 from frenetic.drivers import Driver, DriveSetup
 from frenetic.oracle.outcome import Outcome
 from frenetic.plugins.twin.foresight import SearchTwin, foresight
@@ -174,3 +178,22 @@ def test_a_road_on_which_the_driver_ends_its_process_is_not_foreseen() -> None:
     assert not twin.is_ready
     assert "your driver ended its process or hung too often" in twin.facts()["twin"]
     assert twin.foresee([sharp]) == [None]
+
+
+@pytest.mark.heavy
+def test_a_resumed_campaign_goes_on_with_the_same_roads(tmp_path: Path) -> None:
+    spec = Spec(
+        strategy="foresight,random_roads=15,random_budget=0.5",
+        driver="stanley,lateral_acceleration=7.5",
+        seed=3,
+        simulations=36,
+    )
+    whole = Campaign.of(spec, folder=tmp_path / "whole", workers=1)
+    whole.run()
+    with CampaignStore.open(tmp_path / "whole") as store:
+        facts: Any = store.fact(SEARCH_FACTS)
+    assert facts["twin"].startswith("your driver")
+    assert facts["children with foresight"] > 0
+    Campaign.of(spec, folder=tmp_path / "found", workers=1).run(25)
+    Campaign.of(spec, folder=tmp_path / "found", workers=1).resume()
+    assert contents(tmp_path / "found") == contents(tmp_path / "whole")
