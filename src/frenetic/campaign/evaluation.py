@@ -132,7 +132,7 @@ def _trace_of(test: Test, path: Trajectory | None) -> Trace | None:
         assessment, count = test.segment.assessment, _record_count(path, test.result.duration)
         if len(assessment.distance) >= count:
             distance, offset = assessment.distance[:count], assessment.lateral_offset[:count]
-            return Trace(distance, offset, path.speed[:count])
+            return Trace(distance, offset, path.speed[:count], path)
     return _trace_along(test.road, path, test.result.duration)
 
 

@@ -20,7 +20,7 @@ from frenetic._support.json_value import JSONValue
 from frenetic.campaign.record import Attempt
 from frenetic.drivers.driver import Driver
 from frenetic.drivers.loading import with_wrappers
-from frenetic.errors import RoadError, Trouble
+from frenetic.errors import FreneticError, RoadError, Trouble
 from frenetic.oracle.drive import Drive, Rules, Trajectory
 from frenetic.oracle.outcome import Outcome
 from frenetic.oracle.verdict import judge
@@ -173,33 +173,53 @@ class RoadTester:
             threads: number of threads that drive.
         """
         attempts: dict[int, Attempt] = {}
-        roads: dict[int, Road] = {}
-        drives = []
+        driven: list[Candidate] = []
+        roads: list[Road] = []
         for candidate in candidates:
             road, verdict = self.fit_road(candidate)
             if road is None or not verdict.valid:
                 attempts[candidate.id] = self._refusal(candidate, road, verdict)
                 continue
-            roads[candidate.id] = road
-            drives.append(self._compiled_drive(candidate, road))
-        drive_compiled = capabilities(self.simulator).drive_compiled
-        assert drive_compiled is not None
-        driven = drive_compiled(drives, threads=threads)
-        for (candidate_id, road), drive in zip(roads.items(), driven, strict=True):
-            attempts[candidate_id] = self._judged(candidate_id, road, drive)
+            check_conditions(candidate.conditions)
+            driven.append(candidate)
+            roads.append(road)
+        conditions = [candidate.conditions for candidate in driven]
+        drives = self.drive_many(roads, conditions, threads=threads)
+        for candidate, road, drive in zip(driven, roads, drives, strict=True):
+            attempts[candidate.id] = self._judged(candidate.id, road, drive)
         return [attempts[candidate.id] for candidate in candidates]
 
-    def _compiled_drive(self, candidate: Candidate, road: Road) -> Any:
-        """Return a candidate's drive in its conditions, for the simulator's ``drive_compiled``."""
-        compiled_drive = capabilities(self.simulator).compiled_drive
-        assert compiled_drive is not None
-        conditions = self.terms.conditions_of(candidate.conditions)
-        if not conditions:
-            return compiled_drive(road, self.driver)
-        check_conditions(candidate.conditions)
-        with in_conditions(conditions, self.simulator, self.driver) as driver:
-            check_pair(self.simulator, driver)
-            return compiled_drive(road, driver)
+    def drive_many(
+        self,
+        roads: Sequence[Road],
+        conditions: Sequence[Mapping[str, float]],
+        *,
+        threads: int = 1,
+    ) -> Sequence[Drive]:
+        """Drive roads side by side, each in the conditions of the terms and its own.
+
+        Args:
+            roads: the roads.
+            conditions: conditions of each drive.
+            threads: number of threads that drive.
+
+        Raises:
+            FreneticError: the simulator does not drive side by side, or cannot be put into the
+                conditions.
+        """
+        able = capabilities(self.simulator)
+        if able.compiled_drive is None or able.drive_compiled is None:
+            raise FreneticError("the simulator drives one road at a time")
+        drives = []
+        for road, drive_conditions in zip(roads, conditions, strict=True):
+            all_conditions = self.terms.conditions_of(drive_conditions)
+            if not all_conditions:
+                drives.append(able.compiled_drive(road, self.driver))
+                continue
+            with in_conditions(all_conditions, self.simulator, self.driver) as driver:
+                check_pair(self.simulator, driver)
+                drives.append(able.compiled_drive(road, driver))
+        return able.drive_compiled(drives, threads=threads)
 
     def attempt(
         self, candidate: Candidate, worker: str | None = None, *, keep_exact: bool = False

@@ -19,7 +19,12 @@ from frenetic._support.compiled import njit
 from frenetic.oracle.drive import Trajectory
 from frenetic.plugins.twin.car_model import CarModel
 from frenetic.simulators.embedded.rollout import STEP, STEPS_PER_PERIOD
-from frenetic.simulators.embedded.single_track import advance
+from frenetic.simulators.embedded.single_track import (
+    INPUT_SIZE,
+    MOST_CARS,
+    STATE_SIZE,
+    advance,
+)
 
 # All values are our choice.
 _WINDOW: Final = 20  # records of a window after the first one: 1 s
@@ -105,14 +110,20 @@ def compare_windows(
         p: `Vehicle.to_array()`.
         differences: (k, count, 4) in m, m, rad and m/s, which is written.
     """
-    for k in range(len(starts)):
-        first = starts[k]
-        state = records[first, 1:8].copy()
-        for j in range(count):
-            controls = records[first + j]
-            for _ in range(STEPS_PER_PERIOD):
-                advance(state, controls[8], controls[9], controls[10], p, STEP)
-            row = records[first + j + 1]
+    windows = len(starts)
+    states, inputs = np.empty((windows, STATE_SIZE)), np.empty((windows, INPUT_SIZE))
+    grounds, cars = np.empty((windows, len(p))), np.arange(windows)
+    for k in range(windows):
+        states[k] = records[starts[k], 1:8]
+        grounds[k] = p
+    for j in range(count):
+        for k in range(windows):
+            inputs[k] = records[starts[k] + j, 8:11]
+        for first in range(0, windows, MOST_CARS):
+            group = cars[first : first + MOST_CARS]
+            advance(states, inputs, grounds, group, STEP, STEPS_PER_PERIOD)
+        for k in range(windows):
+            state, row = states[k], records[starts[k] + j + 1]
             east, north = state[0] - row[1], state[1] - row[2]
             cos_h, sin_h = math.cos(row[3]), math.sin(row[3])
             differences[k, j, 0] = cos_h * east + sin_h * north

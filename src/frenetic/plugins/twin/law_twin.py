@@ -98,16 +98,20 @@ class LawTwin:
 
     def foresee(self, candidates: Sequence[Candidate]) -> list[Evaluation | None]:
         """Return the twin's evaluation of each candidate; None if it neither passes nor fails."""
-        return [self._foresee(candidate) for candidate in candidates]
-
-    def _foresee(self, candidate: Candidate) -> Evaluation | None:
-        """Return the twin's evaluation of a candidate; None if it neither passes nor fails."""
-        road = self._road(candidate)
         driver, simulator = self._parts
-        with in_conditions(self._conditions(candidate), simulator, driver) as changed_driver:
-            drive = simulator.drive(road, changed_driver)
-        evaluation = evaluate(candidate, road, drive, objective=self._objective)
-        return evaluation if evaluation.outcome.is_driven else None
+        roads = [self._road(candidate) for candidate in candidates]
+        drives = []
+        for candidate, road in zip(candidates, roads, strict=True):
+            with in_conditions(self._conditions(candidate), simulator, driver) as changed_driver:
+                drive = simulator.compiled_drive(road, changed_driver)
+            assert drive is not None
+            drives.append(drive)
+        driven = simulator.drive_compiled(drives)
+        evaluations = [
+            evaluate(candidate, road, drive, objective=self._objective)
+            for candidate, road, drive in zip(candidates, roads, driven, strict=True)
+        ]
+        return [each if each.outcome.is_driven else None for each in evaluations]
 
     def facts(self) -> Mapping[str, Any]:
         """Return the driver and parameters of the twin, and its loss in the last fit.

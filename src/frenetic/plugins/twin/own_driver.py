@@ -231,7 +231,7 @@ class OwnDriverTwin:
         for (_, states), road, drive in zip(recorded, roads, drives, strict=True):
             if drive is None:
                 return math.inf
-            own_states = states_of(drive, assess(road, drive, has_shares=False))
+            own_states = states_of(drive, assess(road, drive, has_all_shares=False))
             residuals = residuals_from(RecordedDrive(road=road, states=states), own_states)
             losses.append(float(residuals @ residuals))
         return float(np.mean(losses))

@@ -89,6 +89,11 @@ class TwinHost:
     def drive(self, car: Vehicle, jobs: Sequence[TwinJob]) -> list[DrivenRoad]:
         """Drive roads with a car."""
         self._simulator.vehicle = car
+        if self._tester.drives_side_by_side:
+            drives = self._tester.drive_many(
+                [job.road for job in jobs], [job.conditions for job in jobs]
+            )
+            return [DrivenRoad(drive.trajectory) for drive in drives]
         return [self._drive(job) for job in jobs]
 
     def _drive(self, job: TwinJob) -> DrivenRoad:

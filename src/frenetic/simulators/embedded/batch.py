@@ -14,6 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from frenetic._support.arrays import FloatArray, IntArray
+from frenetic.drivers.driver import DriveSetup
 from frenetic.drivers.laws import new_memory, setup_array
 from frenetic.drivers.wrappers import Compiled
 from frenetic.oracle.assessment import rules_array
@@ -22,7 +23,6 @@ from frenetic.oracle.drive_assessment import Assessment, DriveAssessment
 from frenetic.road import Road
 from frenetic.road.geometry import WIDENING
 from frenetic.simulators.embedded import rollout as kernels
-from frenetic.simulators.embedded.vehicle import Vehicle
 from frenetic.simulators.observer import in_metres_per_second
 
 _MOST_DRIVES: Final = 64
@@ -37,8 +37,8 @@ class CompiledDrive:
     rules: Rules
     body: CarBody
     """The box that the car covers."""
-    vehicle: Vehicle
-    """The car, as the driver's setup has it."""
+    setup: DriveSetup
+    """Setup of the drive, for the driver."""
     parameters: FloatArray
     """`Vehicle.to_array` of the car as it is loaded, (32,)."""
     weather: FloatArray | None
@@ -132,12 +132,7 @@ def _drivers(drives: Sequence[CompiledDrive], most_records: int) -> kernels.Driv
     return kernels.Drivers(
         drivers[0].law,
         np.array([driver.parameters for driver in drivers]),
-        np.array(
-            [
-                setup_array(drive.vehicle.setup(drive.rules, drive.road, kernels.PERIOD))
-                for drive in drives
-            ]
-        ),
+        np.array([setup_array(drive.setup) for drive in drives]),
         np.array([driver.rows for driver in drivers]),
         np.array([driver.delay for driver in drivers]),
         errors,

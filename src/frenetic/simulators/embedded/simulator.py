@@ -227,9 +227,15 @@ class EmbeddedSimulator(StartingPlace, Ready):
         if compiled is None:
             return None
         parameters, weather = self._conditions(road)
-        start = self._start(road)
         return CompiledDrive(
-            road, self.rules, self.car, self._steered, parameters, weather, start, compiled
+            road,
+            self.rules,
+            self.car,
+            self.setup(road),
+            parameters,
+            weather,
+            self._start(road),
+            compiled,
         )
 
     def drive_compiled(self, drives: Sequence[CompiledDrive], *, threads: int = 1) -> list[Drive]:
