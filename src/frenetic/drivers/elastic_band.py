@@ -253,7 +253,8 @@ def _speed_square(
         bx = plan[i + 1, 0] - plan[i, 0]
         by = plan[i + 1, 1] - plan[i, 1]
         b = math.sqrt(bx * bx + by * by)
-        chords = math.sqrt((ax * ax + ay * ay) * ((ax + bx) ** 2 + (ay + by) ** 2)) * b
+        cx, cy = ax + bx, ay + by
+        chords = math.sqrt((ax * ax + ay * ay) * (cx * cx + cy * cy)) * b
         bend = 2.0 * abs(ax * by - ay * bx)
         square = min(square + 2.0 * p[BRAKING] * b, limit)
         if bend * square > p[LATERAL] * chords:
@@ -277,7 +278,7 @@ def _point_on_plan(plan: FloatArray, here: int, gap: float, rest: float) -> tupl
     k = i if t < 0.5 else i + 1
     if t <= 1.0 and 0 < k < nodes - 1:
         t += 0.5 - (k - i)
-        before = 0.5 * (1.0 - t) ** 2
+        before = 0.5 * (1.0 - t) * (1.0 - t)
         after = 0.5 * t * t
         x = before * plan[k - 1, 0] + (1.0 - before - after) * plan[k, 0] + after * plan[k + 1, 0]
         y = before * plan[k - 1, 1] + (1.0 - before - after) * plan[k, 1] + after * plan[k + 1, 1]
