@@ -5,7 +5,8 @@
     python benchmarks/workers.py --pools
 
 Campaigns of the same seed run with each number of workers, in turns. One worker runs in the
-campaign's process, more workers run in processes of their own. All campaigns do the same work:
+campaign's process, more workers run in processes of their own. The driver is the planner called
+from Python, since the workers of a built-in driver are threads. All campaigns do the same work:
 `random` proposes the same roads for any number of workers, and `frenetic` always has 16 roads in
 flight. The time runs from the first ready worker to the last result; the time to start stands
 beside it. The second ratio is the median of the ratios within a round.
@@ -42,6 +43,10 @@ STRATEGIES_MEASURED = ("random", "frenetic")
 R = TypeVar("R")
 
 
+class CalledPlanner(Planner):
+    """The planner, called from Python."""
+
+
 class CampaignTime(NamedTuple):
     """Tests and times of a campaign."""
 
@@ -64,7 +69,7 @@ def measure(strategy: str, workers: int, simulations: int) -> CampaignTime:
         campaign = Campaign(
             strategy=STRATEGIES.make(strategy, seed=SEED),
             simulator=EmbeddedSimulator(),
-            driver=Planner(),
+            driver=CalledPlanner(),
             budget=Budget(simulations=simulations),
             folder=Path(folder) / "campaign",
             workers=workers,
