@@ -92,6 +92,7 @@ def assert_equal(drives: list[Drive], others: list[Drive]) -> None:
             np.testing.assert_array_equal(getattr(ours, name), getattr(theirs, name))
 
 
+@pytest.mark.endurance
 @pytest.mark.parametrize("conditions", CONDITIONS)
 @pytest.mark.parametrize("driver", DRIVERS)
 def test_drives_side_by_side_are_the_drives_one_after_the_other(
@@ -100,7 +101,7 @@ def test_drives_side_by_side_are_the_drives_one_after_the_other(
     simulator = EmbeddedSimulator(**CONDITIONS[conditions])
     roads = some_roads(10_000 if endurance else 40, seed=len(driver) + len(conditions))
     alone = [simulator.drive(road, DRIVERS[driver]) for road in roads]
-    assert len({len(drive.trajectory) for drive in alone}) > len(roads) // 4, "drives differ"
+    assert len({len(drive.trajectory) for drive in alone}) > 10, "the drives differ"
     for threads in (1, 2, 3):
         assert_equal(simulator.drive_many(roads, DRIVERS[driver], threads=threads), alone)
     some = [3, 17, 5, 38, 6]
