@@ -46,7 +46,7 @@ class EmbeddedCar:
         road: Road,
         renderer: Renderer | None,
     ) -> None:
-        self._states = state[np.newaxis]
+        self._state, self._states = state, state[np.newaxis]
         slopes = road.slopes if len(road.slopes) else None
         self._ground = parameters, road.table, road.sub_step, slopes, weather
         self._is_plain = slopes is None and weather is None
@@ -57,12 +57,12 @@ class EmbeddedCar:
 
     def motion(self) -> list[float]:
         """Return the state, in the order of the columns of a `Trajectory`."""
-        values: list[float] = self._states[0].tolist()
+        values: list[float] = self._state.tolist()
         return values
 
     def picture(self) -> Image | None:
         """Return what the camera sees; None without a camera."""
-        state = self._states[0]
+        state = self._state
         if self._renderer is None:
             return None
         return self._renderer.draw(state[X], state[Y], state[HEADING])
@@ -70,7 +70,7 @@ class EmbeddedCar:
     def advance(self, steering: float, throttle: float, brake: float, seconds: float) -> None:
         """Move the car for some seconds, a multiple of the integration step."""
         if not self._is_plain:
-            ground, self._s = kernels.ground_under(*self._ground, self._states[0], self._s, seconds)
+            ground, self._s = kernels.ground_under(*self._ground, self._state, self._s, seconds)
             self._grounds[0] = ground
         inputs = self._inputs  # a value at a time: numpy is slow to make an array of a tuple
         inputs[0, ASKED], inputs[0, THROTTLE], inputs[0, BRAKE] = steering, throttle, brake
