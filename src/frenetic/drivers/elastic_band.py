@@ -191,7 +191,7 @@ def _move_band(
     for i in range(here, nodes - 1):
         x = plan[i + 1, 0] - plan[i, 0]
         y = plan[i + 1, 1] - plan[i, 1]
-        length = math.sqrt(x * x + y * y)
+        length = hypotenuse(x, y)
         x /= length
         y /= length
         if i > here:
@@ -252,7 +252,7 @@ def _speed_square(
         ay = plan[i, 1] - plan[i - 1, 1]
         bx = plan[i + 1, 0] - plan[i, 0]
         by = plan[i + 1, 1] - plan[i, 1]
-        b = math.sqrt(bx * bx + by * by)
+        b = hypotenuse(bx, by)
         cx, cy = ax + bx, ay + by
         chords = math.sqrt((ax * ax + ay * ay) * (cx * cx + cy * cy)) * b
         bend = 2.0 * abs(ax * by - ay * bx)

@@ -13,7 +13,13 @@ import numpy as np
 from frenetic._support.arrays import FloatArray
 from frenetic._support.compiled import njit
 from frenetic._support.trigonometry import hypotenuse
-from frenetic.oracle.drive_assessment import Assessment
+from frenetic.oracle.drive_assessment import (
+    ASSESSMENT_SIZE,
+    DISTANCE,
+    OFFSET,
+    OOB_SHARE,
+    Assessment,
+)
 from frenetic.oracle.lane_share import share_outside
 from frenetic.road.geometry import X, Y, heading_at, project_global, project_near, reach_of
 
@@ -24,10 +30,8 @@ if TYPE_CHECKING:
 RUNNING, REACHED, LEFT_LANE, STUCK, TIMED_OUT = range(5)
 """States of a drive at a record: it continues, or how it ended."""
 
-_DISTANCE, _OFFSET, _OOB_SHARE = range(3)
-"""Columns of the rows that `_assess` returns, one row per record."""
-_RECORD_TIME, _RECORD_X, _RECORD_Y, _RECORD_HEADING = range(4)
-"""Columns of the records that a drive is assessed from."""
+RECORD_TIME, RECORD_X, RECORD_Y, RECORD_HEADING = range(4)
+"""Columns of the records from which a drive is assessed; the first of a `Trajectory`."""
 _TIME_ROUNDING: Final = 1e-9
 """Time by which a rounded time may miss `Rules.stuck_time`, in s; our choice."""
 _LENGTH_ROUNDING: Final = 1e-9
@@ -63,11 +67,11 @@ def assess_record(
         State of the drive (`RUNNING` or how it ended), distance ``s`` along the road and lateral
         offset ``d`` from the centre line in m, heading of the road in rad, and oob share.
     """
-    x, y, heading = records[i, _RECORD_X], records[i, _RECORD_Y], records[i, _RECORD_HEADING]
+    x, y, heading = records[i, RECORD_X], records[i, RECORD_Y], records[i, RECORD_HEADING]
     if i == 0:
         s, d = project_global(table, ds, x, y)
     else:
-        moved = hypotenuse(x - records[i - 1, _RECORD_X], y - records[i - 1, _RECORD_Y])
+        moved = hypotenuse(x - records[i - 1, RECORD_X], y - records[i - 1, RECORD_Y])
         s, d = project_near(table, ds, x, y, s_before, reach_of(moved))
     road_heading = heading_at(table, ds, s)
     share = share_outside(
@@ -99,7 +103,7 @@ def assess_record(
         end = REACHED
     elif _is_stuck(records, i, stuck_distance, stuck_time):
         end = STUCK
-    elif records[i, _RECORD_TIME] > timeout:
+    elif records[i, RECORD_TIME] > timeout:
         end = TIMED_OUT
     return end, s, d, road_heading, share
 
@@ -109,16 +113,16 @@ def _is_stuck(records: FloatArray, i: int, stuck_distance: float, stuck_time: fl
     """Return whether a car at record ``i`` is too near to where it was ``stuck_time`` s before."""
     # Find the latest record j that is at least stuck_time old. The first guess assumes records at
     # equal intervals; the loops correct it.
-    now = records[i, _RECORD_TIME]
-    interval = now - records[i - 1, _RECORD_TIME] if i > 0 else 0.0
+    now = records[i, RECORD_TIME]
+    interval = now - records[i - 1, RECORD_TIME] if i > 0 else 0.0
     j = max(0, i - int(stuck_time / interval)) if interval > 0.0 else i
-    while j < i and now - records[j + 1, _RECORD_TIME] >= stuck_time - _TIME_ROUNDING:
+    while j < i and now - records[j + 1, RECORD_TIME] >= stuck_time - _TIME_ROUNDING:
         j += 1
-    while j > 0 and now - records[j, _RECORD_TIME] < stuck_time - _TIME_ROUNDING:
+    while j > 0 and now - records[j, RECORD_TIME] < stuck_time - _TIME_ROUNDING:
         j -= 1
-    dx = records[i, _RECORD_X] - records[j, _RECORD_X]
-    dy = records[i, _RECORD_Y] - records[j, _RECORD_Y]
-    is_old = now - records[j, _RECORD_TIME] >= stuck_time - _TIME_ROUNDING
+    dx = records[i, RECORD_X] - records[j, RECORD_X]
+    dy = records[i, RECORD_Y] - records[j, RECORD_Y]
+    is_old = now - records[j, RECORD_TIME] >= stuck_time - _TIME_ROUNDING
     return bool(is_old and hypotenuse(dx, dy) < stuck_distance)
 
 
@@ -137,15 +141,15 @@ def _assess(
     The rows end with the record that ended the drive.
     """
     n = len(records)
-    rows = np.empty((n, 3))
+    rows = np.empty((n, ASSESSMENT_SIZE))
     s = largest = 0.0
     for i in range(n):
         least = 0.0 if has_all_shares else largest
         end, s, d, _, share = assess_record(table, ds, lane_width, rules, car, records, i, s, least)
         largest = max(largest, share)
-        rows[i, _DISTANCE] = s
-        rows[i, _OFFSET] = d
-        rows[i, _OOB_SHARE] = share
+        rows[i, DISTANCE] = s
+        rows[i, OFFSET] = d
+        rows[i, OOB_SHARE] = share
         if end != RUNNING:
             return end, rows[: i + 1]
     return RUNNING, rows
@@ -190,4 +194,4 @@ def assess(road: Road, drive: Drive, *, has_all_shares: bool = True) -> Assessme
         np.column_stack([t.time, t.x, t.y, t.heading]),
         has_all_shares,
     )
-    return Assessment.of(road, end, rows[:, _DISTANCE], rows[:, _OFFSET], rows[:, _OOB_SHARE])
+    return Assessment.of(road, end, rows)

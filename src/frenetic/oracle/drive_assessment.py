@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Final, NamedTuple
 
 import numpy as np
 
@@ -12,6 +12,13 @@ from frenetic.road.profile import value_at
 
 if TYPE_CHECKING:
     from frenetic.road import Road
+
+
+DISTANCE, OFFSET, OOB_SHARE = range(3)
+"""Columns of assessed records: distance along the road and lateral offset from the road's centre
+line in m, and oob share."""
+ASSESSMENT_SIZE: Final = 3
+"""Number of these columns."""
 
 
 @dataclass(frozen=True)
@@ -30,18 +37,15 @@ class Assessment:
     """Share of the car's box outside the ego lane, (n,), 0..1."""
 
     @classmethod
-    def of(
-        cls, road: Road, end: int, distance: FloatArray, offset: FloatArray, oob_share: FloatArray
-    ) -> Assessment:
+    def of(cls, road: Road, end: int, rows: FloatArray) -> Assessment:
         """Return the assessment from what `assess_record` returned for each record.
 
         Args:
             road: the road that was driven.
             end: state of the drive at the last record.
-            distance: distance along the road, (n,) in m.
-            offset: lateral offset from the road's centre line, (n,) in m.
-            oob_share: oob share, (n,).
+            rows: assessed records, (n, `ASSESSMENT_SIZE`).
         """
+        distance, offset, oob_share = rows.T.copy()
         half_width = 0.5 * road.lane_width
         # From the ego lane's centre line, which is half a lane to the right of the road's.
         offset = offset + half_width

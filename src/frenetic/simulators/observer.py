@@ -18,7 +18,15 @@ from frenetic._support.arrays import FloatArray
 from frenetic._support.compiled import njit
 from frenetic._support.trigonometry import cosine, hypotenuse, sine, wrapped
 from frenetic.drivers.driver import AHEAD_POINTS, AHEAD_SPACING, Observation
-from frenetic.oracle.assessment import RUNNING, assess_record, rules_array
+from frenetic.oracle.assessment import (
+    RECORD_HEADING,
+    RECORD_TIME,
+    RECORD_X,
+    RECORD_Y,
+    RUNNING,
+    assess_record,
+    rules_array,
+)
 from frenetic.oracle.drive import CarBody, Rules
 from frenetic.road import Road
 from frenetic.road.geometry import (
@@ -149,8 +157,8 @@ def observe(
     end, s, d, road_heading, share = assess_record(
         table, ds, lane_width, rules, car, records, i, s, least
     )
-    heading, rows = records[i, 3], len(ahead)
-    pose = records[i, 1], records[i, 2], heading
+    heading, rows = records[i, RECORD_HEADING], len(ahead)
+    pose = records[i, RECORD_X], records[i, RECORD_Y], heading
     look_ahead(table, ds, lane_width, pose, s, 0, rows, ahead)
     write_curvatures_ahead(table, ds, lane_width, s, rows, curvature_ahead)
     return end, s, d + 0.5 * lane_width, wrapped(heading - road_heading), share
@@ -270,7 +278,8 @@ class Observer:
         self._ahead, self._curvature_ahead = np.empty((AHEAD_POINTS, 2)), np.empty(AHEAD_POINTS)
         records, i = self._records, self._count
         # A value at a time: numpy is slow to make an array of a tuple.
-        records[i, 0], records[i, 1], records[i, 2], records[i, 3] = time, x, y, heading
+        records[i, RECORD_TIME], records[i, RECORD_HEADING] = time, heading
+        records[i, RECORD_X], records[i, RECORD_Y] = x, y
         end, self._s, offset, heading_error, _ = observe(
             *self._line,
             self._rules,
@@ -289,7 +298,8 @@ class Observer:
     def glance(self, time: float, x: float, y: float, heading: float) -> None:
         """Take in a pose (s, m, m, rad) between two records, which ends no drive."""
         table, ds, lane_width = self._line
-        before_x, before_y = self._records[self._count - 1, 1:3].tolist()
+        before = self._records[self._count - 1]
+        before_x, before_y = float(before[RECORD_X]), float(before[RECORD_Y])
         reach = reach_of(hypotenuse(x - before_x, y - before_y))
         s, d = project_near(table, ds, float(x), float(y), self._s, reach)
         error = wrapped(heading - heading_at(table, ds, s))

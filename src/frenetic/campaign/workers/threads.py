@@ -52,6 +52,7 @@ class ThreadWorkers(InProcessWorker):
         Raises:
             CampaignError: the simulator does not start again.
         """
+        self._start()
         candidates, self._candidates = self._candidates, []
         start = time.perf_counter()
         try:

@@ -15,6 +15,7 @@ import numpy as np
 from frenetic._support.arrays import FloatArray
 from frenetic.campaign.evaluation import evaluate
 from frenetic.campaign.objective import Objective
+from frenetic.campaign.tester import RoadTester
 from frenetic.conditions.condition import SEED, condition_named
 from frenetic.errors import FreneticError
 from frenetic.plugins.twin.fitting import Fitter
@@ -24,7 +25,7 @@ from frenetic.plugins.twin.schedule import FitSchedule
 from frenetic.road import Road
 from frenetic.search.records import Candidate, Evaluation
 from frenetic.simulators.capabilities import capabilities
-from frenetic.simulators.conditions import in_conditions, rules_in
+from frenetic.simulators.conditions import rules_in
 from frenetic.spec import Spec
 
 LAWS: Final = {
@@ -100,13 +101,8 @@ class LawTwin:
         """Return the twin's evaluation of each candidate; None if it neither passes nor fails."""
         driver, simulator = self._parts
         roads = [self._road(candidate) for candidate in candidates]
-        drives = []
-        for candidate, road in zip(candidates, roads, strict=True):
-            with in_conditions(self._conditions(candidate), simulator, driver) as changed_driver:
-                drive = simulator.compiled_drive(road, changed_driver)
-            assert drive is not None
-            drives.append(drive)
-        driven = simulator.drive_compiled(drives)
+        conditions = [self._conditions(candidate) for candidate in candidates]
+        driven = RoadTester(simulator, driver).drive_many(roads, conditions)
         evaluations = [
             evaluate(candidate, road, drive, objective=self._objective)
             for candidate, road, drive in zip(candidates, roads, driven, strict=True)

@@ -19,7 +19,7 @@ from frenetic.drivers.laws import new_memory, setup_array
 from frenetic.drivers.wrappers import Compiled
 from frenetic.oracle.assessment import rules_array
 from frenetic.oracle.drive import CarBody, Drive, Rules, Trajectory
-from frenetic.oracle.drive_assessment import Assessment, DriveAssessment
+from frenetic.oracle.drive_assessment import ASSESSMENT_SIZE, Assessment, DriveAssessment
 from frenetic.road import Road
 from frenetic.road.geometry import WIDENING
 from frenetic.simulators.embedded import rollout as kernels
@@ -103,7 +103,7 @@ def _drive_batch(drives: Sequence[CompiledDrive]) -> list[Drive]:
         np.array([drive.parameters for drive in drives]),
         np.array([drive.state for drive in drives]),
         np.empty((count, most_records, kernels.RECORD_SIZE)),
-        np.empty((count, most_records, kernels.ASSESSMENT_SIZE)),
+        np.empty((count, most_records, ASSESSMENT_SIZE)),
         np.zeros(count),
         np.zeros(count, np.int64),
         np.zeros(count, np.int64),
@@ -191,13 +191,6 @@ def _drive(drive: CompiledDrive, cars: kernels.CarArrays, k: int) -> Drive:
     road, rules, body = drive.road, drive.rules, drive.body
     count = int(cars.counts[k])
     path = Trajectory.from_rows(cars.records[k, :count])
-    columns = cars.assessments[k, :count].T.copy()
-    assessment = Assessment.of(
-        road,
-        int(cars.ends[k]),
-        columns[kernels.DISTANCE],
-        columns[kernels.OFFSET],
-        columns[kernels.OOB_SHARE],
-    )
+    assessment = Assessment.of(road, int(cars.ends[k]), cars.assessments[k, :count])
     assessed = DriveAssessment(assessment, (road, rules, body, path))
     return Drive(path, body, rules, road, assessed=assessed)

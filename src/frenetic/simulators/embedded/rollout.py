@@ -19,7 +19,8 @@ from frenetic._support.compiled import njit
 from frenetic._support.trigonometry import wrapped
 from frenetic.drivers.laws import decide, rows_read
 from frenetic.drivers.wrappers import disturb
-from frenetic.oracle.assessment import RUNNING, assess_record
+from frenetic.oracle.assessment import RECORD_TIME, RUNNING, assess_record
+from frenetic.oracle.drive_assessment import DISTANCE, OFFSET, OOB_SHARE
 from frenetic.simulators.embedded.single_track import (
     ASKED,
     BRAKE,
@@ -45,13 +46,11 @@ STEPS_PER_PERIOD: Final = 5
 PERIOD: Final = STEP * STEPS_PER_PERIOD
 """Time between two decisions and records, in s."""
 
-# Columns of the records, in the order of the columns of a `Trajectory`. Most begin with R, to tell
-# them from the indices of the state.
-TIME, RX, RY, RHEADING, RSPEED, RLATERAL, RYAW, RSTEERING, RINPUT, RTHROTTLE, RBRAKE = range(11)
-RECORD_SIZE: Final = 11
-DISTANCE, OFFSET, OOB_SHARE = range(3)
-"""Columns of the assessments."""
-ASSESSMENT_SIZE: Final = 3
+# Columns of the records, in the order of the columns of a `Trajectory`: the time, the state in its
+# order, and the controls that the driver chose.
+_STATE: Final = 1
+_INPUTS: Final = _STATE + STATE_SIZE
+RECORD_SIZE: Final = _INPUTS + INPUT_SIZE
 
 
 Fields: TypeAlias = tuple[Any, ...]
@@ -151,11 +150,11 @@ def write_record(
     records: FloatArray, i: int, states: FloatArray, inputs: FloatArray, k: int
 ) -> None:
     """Write record ``i`` of car ``k``: the state, and the controls that the driver chose there."""
-    records[i, TIME] = i * PERIOD
+    records[i, RECORD_TIME] = i * PERIOD
     for v in range(STATE_SIZE):
-        records[i, RX + v] = states[k, v]
+        records[i, _STATE + v] = states[k, v]
     for v in range(INPUT_SIZE):
-        records[i, RINPUT + v] = inputs[k, v]
+        records[i, _INPUTS + v] = inputs[k, v]
 
 
 @njit(error_model="numpy")
@@ -310,7 +309,7 @@ def rollout(
             waiting[k, slot, BRAKE] = brake
             slot = (i + 1) % (delays[k] + 1)  # of the oldest controls, which arrive now
             for v in range(INPUT_SIZE):
-                inputs[k, v] = records[k, i, RINPUT + v] = waiting[k, slot, v]
+                inputs[k, v] = records[k, i, _INPUTS + v] = waiting[k, slot, v]
             n += 1
 
         # Move the cars.
