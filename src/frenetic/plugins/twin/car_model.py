@@ -12,6 +12,7 @@ import numpy as np
 
 from frenetic._support.arrays import FloatArray
 from frenetic.drivers.driver import DriveSetup
+from frenetic.plugins.twin.unit_values import unit_value_of, value_at
 from frenetic.road.classes import GRAVITY
 from frenetic.simulators.embedded.vehicle import STEP_RATE, Vehicle
 
@@ -29,19 +30,11 @@ class CarParameter(NamedTuple):
 
     def value_at(self, unit_value: float) -> float:
         """Return the value of a unit value: 0 at ``low``, 1 at ``high``."""
-        if self.low > 0.0:
-            value = self.low * math.exp(unit_value * math.log(self.high / self.low))
-        else:
-            value = self.low + unit_value * (self.high - self.low)
-        return min(max(value, self.low), self.high)
+        return value_at(unit_value, self.low, self.high)
 
     def unit_value(self, value: float) -> float:
         """Return the unit value of a value; a value beyond a bound counts as the bound."""
-        if self.low > 0.0:
-            unit_value = math.log(value / self.low) / math.log(self.high / self.low)
-        else:
-            unit_value = (value - self.low) / (self.high - self.low)
-        return min(max(unit_value, 0.0), 1.0)
+        return unit_value_of(min(max(value, self.low), self.high), self.low, self.high)
 
 
 PARAMETERS: Final = (

@@ -19,6 +19,7 @@ from frenetic.oracle.drive import Rules
 from frenetic.parts.construction import options_of
 from frenetic.parts.registry import DRIVERS, hint
 from frenetic.plugins.twin.profile import Fitted, TwinProfile
+from frenetic.plugins.twin.unit_values import unit_value_of, value_at
 from frenetic.simulators.embedded import EmbeddedSimulator
 from frenetic.simulators.embedded.vehicle import Vehicle
 from frenetic.spec import Spec
@@ -60,19 +61,12 @@ class Parameter:
 
     def value_at(self, unit_value: float) -> float:
         """Return the value of a unit value, which is cut to 0..1."""
-        unit_value = min(max(unit_value, 0.0), 1.0)
-        if self.low > 0.0:
-            value = math.exp(math.log(self.low) + unit_value * math.log(self.high / self.low))
-        else:
-            value = self.low + unit_value * (self.high - self.low)
-        return min(max(value, self.low), self.high)
+        return value_at(unit_value, self.low, self.high)
 
     @property
     def unit_start(self) -> float:
         """Unit value of the start."""
-        if self.low > 0.0:
-            return math.log(self.start / self.low) / math.log(self.high / self.low)
-        return (self.start - self.low) / (self.high - self.low)
+        return unit_value_of(self.start, self.low, self.high)
 
 
 @dataclass(frozen=True)
