@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
+import pytest
 from msgspec.json import encode
 
 from frenetic import data_frame
@@ -15,6 +16,7 @@ from frenetic.export.official_format import stored_test_document, stored_test_te
 pytest_plugins = ["sample_campaign"]
 
 
+@pytest.mark.heavy
 def test_csv_is_as_pandas_writes_it(sample_campaign: Path, tmp_path: Path) -> None:
     folder = export_campaign(sample_campaign, "csv", tmp_path / "csv")
     frame = data_frame(sample_campaign, "trajectories")
@@ -22,6 +24,7 @@ def test_csv_is_as_pandas_writes_it(sample_campaign: Path, tmp_path: Path) -> No
     assert text == frame.to_csv(index=False, lineterminator="\n")
 
 
+@pytest.mark.heavy
 def test_json_is_as_the_encoder_writes_it(sample_campaign: Path, tmp_path: Path) -> None:
     folder = export_campaign(sample_campaign, "json", tmp_path / "json")
     frame = data_frame(sample_campaign, "trajectories")
@@ -29,6 +32,7 @@ def test_json_is_as_the_encoder_writes_it(sample_campaign: Path, tmp_path: Path)
     assert (folder / "trajectories.jsonl").read_bytes() == b"".join(line + b"\n" for line in lines)
 
 
+@pytest.mark.heavy
 def test_the_campaigns_of_several_are_named(sample_campaign: Path, tmp_path: Path) -> None:
     folder = export_campaign(sample_campaign.parent, "csv", tmp_path / "several")
     frame = data_frame(sample_campaign.parent, "trajectories")
