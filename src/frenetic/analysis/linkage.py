@@ -25,9 +25,7 @@ def link(vectors: FloatArray, ranks: FloatArray, threshold: float) -> IntArray:
         ranks: (n,) numbers; the vectors with the lowest are linked first.
         threshold: largest root mean square difference at which clusters are joined.
     """
-    # Adding 0 makes negative zeros positive, so that equal vectors have equal bytes.
-    different, row_of = np.unique(vectors + 0.0, axis=0, return_inverse=True)
-    row_of = row_of.ravel()
+    different, row_of = different_rows(vectors)
     lowest = np.full(len(different), np.inf)
     np.minimum.at(lowest, row_of, ranks)
     labels = np.full(len(different), -1, dtype=np.int64)
@@ -46,15 +44,45 @@ def link(vectors: FloatArray, ranks: FloatArray, threshold: float) -> IntArray:
     return vector_labels
 
 
+def different_rows(vectors: FloatArray) -> tuple[FloatArray, IntArray]:
+    """Return the different ones of (n, m) vectors, (k, m), and the row of each vector, (n,)."""
+    # Adding 0 makes negative zeros positive, so that equal vectors have equal bytes.
+    different, row_of = np.unique(vectors + 0.0, axis=0, return_inverse=True)
+    return different, row_of.ravel()
+
+
+def join_differences(vectors: FloatArray) -> FloatArray:
+    """Return the root mean square differences at which clusters are joined, (n - 1,) ascending.
+
+    Args:
+        vectors: (n, m) different vectors, at least one; at first each is a cluster.
+    """
+    differences: FloatArray = np.sqrt(np.sort(_tree(vectors)[:, 2]))
+    return differences
+
+
 def _link_batch(vectors: FloatArray, threshold: float) -> IntArray:
     """Return the number of the cluster of each of (n, m) different vectors, (n,), from 0."""
-    from scipy.cluster.hierarchy import fcluster, linkage  # slow to import
-    from scipy.spatial.distance import pdist
+    from scipy.cluster.hierarchy import fcluster  # slow to import
 
     if len(vectors) == 1:
         return np.zeros(1, dtype=np.int64)
-    tree = linkage(pdist(vectors, "sqeuclidean"), "average")
-    return fcluster(tree, threshold**2, "distance").astype(np.int64) - 1  # scipy counts from 1
+    labels = fcluster(_tree(vectors), threshold**2, "distance")
+    return labels.astype(np.int64) - 1  # scipy counts from 1
+
+
+def _tree(vectors: FloatArray) -> FloatArray:
+    """Return scipy's average linkage of the square differences of (n, m) vectors, (n - 1, 4).
+
+    The third column holds the mean square difference at which two clusters are joined.
+    """
+    from scipy.cluster.hierarchy import linkage  # slow to import
+    from scipy.spatial.distance import pdist
+
+    if len(vectors) == 1:
+        return np.empty((0, 4))
+    tree: FloatArray = linkage(pdist(vectors, "sqeuclidean"), "average")
+    return tree
 
 
 def _nearest_cluster(
