@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from frenetic._support.json_value import JSONValue
-from frenetic.analysis.metrics import CampaignMeasures
+from frenetic.analysis.campaign_measures import CampaignMeasures
 from frenetic.campaign import Budget, Campaign, CampaignStore, Test
 from frenetic.campaign.counts import Counts
 from frenetic.drivers import Driver, Planner

@@ -48,7 +48,7 @@ CALLS: Final = {
         "name test road reason match drives ending trouble conditions length length_before"
     ),
     "estimate --odd odd.toml --drives 100": "domain method rate low high drives failures",
-    "compare one=c two=d": "groups measures notes order",
+    "compare one=c two=d": "about groups measures notes order",
     "compare c --driver aggression=0.9 --fresh 2": (
         "answer verdict difference time_difference old new fresh known causes notes seed domain"
     ),
@@ -62,7 +62,7 @@ CALLS: Final = {
         "name driven lane_width fitted recordings validation"
     ),
     "bench --strategy random --simulations 3 --repeats 1 --workers 1 --out b": (
-        "groups measures notes order runs"
+        "about groups measures notes order runs"
     ),
     "list": "drivers objectives conditions simulators strategies",
     "list simulators": "name target origin summary lays",

@@ -10,6 +10,9 @@ from typing import TYPE_CHECKING
 
 import pytest
 
+from frenetic.analysis.curves import CURVES
+from frenetic.analysis.measures import MEASURES, SHARED_TEXT
+
 if TYPE_CHECKING:
     from command_line import Frenetic
 
@@ -82,8 +85,12 @@ def test_compare_prints_medians_and_writes_a_picture_and_a_page(frenetic: Frenet
         "frenetic and random: too few repeats to tell",
         "\na.png\na.html\n",
         "Order by distinct failures (median): 1. ",
+        "unlike in behaviour, radius 1 ",
+        SHARED_TEXT,
     ):
         assert words in answer.out
+    assert "radius 2" not in answer.out, "the other measures are on the page"
+    assert "test-set diameter" not in answer.out
     assert Path("a.png").stat().st_size > 10_000
     page = Path("a.html").read_text(encoding="utf-8")
     assert "frenetic compare runs --out a.html" in re.sub("<[^>]+>", "", page)
@@ -102,6 +109,21 @@ def test_json_holds_all_measures_and_null_for_what_never_happened(frenetic: Fren
     assert first["groups"]["calm"]["values"] == [first["groups"]["calm"]["median"]] == [None]
     assert [pair["verdict"] for pair in first["pairs"]] == ["too few repeats to tell"] * 3
     assert answer.json["order"][-1] == "calm"
+    assert answer.json["about"] == SHARED_TEXT
+    assert measures["distinct_failures"]["is_shared_with_search"]
+    assert (measures["bend_2"]["space"], measures["bend_2"]["radius"]) == ("bend", 2.0)
+    for name, campaigns in answer.json["groups"].items():
+        for i, campaign in enumerate(campaigns):
+            assert list(campaign["measures"]) == list(MEASURES)
+            for measure, compared in measures.items():
+                assert campaign["measures"][measure] == compared["groups"][name]["values"][i]
+            assert list(campaign["curves"]) == list(CURVES)
+            curve = campaign["curves"]["failures"]
+            assert curve["x"] == list(range(campaign["simulations"] + 1))
+            assert curve["y"][-1] == campaign["failures"] == campaign["measures"]["failures"]
+            curve = campaign["curves"]["bend"]
+            at_radius = dict(zip(curve["x"], curve["y"], strict=True))
+            assert at_radius[0.5] == campaign["measures"]["bend_0_5"]
     notes = " ".join(answer.json["notes"])
     assert "differ in more than one thing" in notes
     assert "3 to 20 simulations" in notes

@@ -7,8 +7,10 @@ from pathlib import Path
 
 import numpy as np
 
+from frenetic.analysis.campaign_measures import CampaignMeasures
 from frenetic.analysis.comparison import Comparison, compare_measured
-from frenetic.analysis.metrics import CampaignMeasures
+from frenetic.analysis.spaces import SPACES
+from frenetic.analysis.unlike import UnlikeFailures
 from frenetic.campaign.counts import Counts
 
 
@@ -25,6 +27,10 @@ def campaign(folder: Path, distinct: int, simulations: int = 60) -> CampaignMeas
         cells=7,
         unlike_roads=distinct // 2,
         competition_sparseness=25.0 + distinct if distinct > 1 else -math.inf,
+        unlike={
+            name: UnlikeFailures(2 * distinct, np.linspace(0.1, 2.0, max(0, 2 * distinct - 1)))
+            for name in SPACES
+        },
     )
 
 
@@ -37,7 +43,7 @@ def comparison(folder: Path, **groups: list[int]) -> Comparison:
     return compare_measured(measured, shared={"driver": "Planner"})
 
 
-LOW, HIGH = [1, 2, 3, 4, 5], [11, 12, 13, 14, 15]
+LOW, HIGH = [1, 2, 3, 4, 5, 6, 7], [11, 12, 13, 14, 15, 16, 17]
 """Distinct failures of the campaigns of two groups."""
 
 
@@ -46,4 +52,4 @@ def three_groups(folder: Path) -> Comparison:
     for name in ("high-0", "low-1"):
         (folder / name).mkdir()
         (folder / name / "report.html").write_text("<!doctype html><title>x</title>")
-    return comparison(folder, low=LOW, high=HIGH, never=[0] * 5)
+    return comparison(folder, low=LOW, high=HIGH, never=[0] * 7)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -9,6 +10,7 @@ import pytest
 from sample_comparisons import campaign, comparison, three_groups
 
 from frenetic.analysis.comparison import Comparison, compare_measured
+from frenetic.analysis.measures import SHARED_TEXT
 from frenetic.errors import FreneticError
 from frenetic.report.html.comparison import POINTS, comparison_report, write_comparison_page
 
@@ -39,9 +41,13 @@ def test_the_table_has_medians_and_quartiles_and_constant_measures_once(
     medians = blocks_of(three, tmp_path)["results"][0].data
     titles = [measure.short for measure in medians["columns"]]
     first, _, never = (dict(zip(titles, cells, strict=True)) for _, cells in medians["rows"])
-    assert first["distinct"] == ("13", "12 to 14")
+    assert first["distinct"] == ("14", "12 to 16")
+    assert first["behaviour 1"] == ("15", "14 to 16")
     assert never["sparseness"] == ("none", "")
     assert medians["caption"].endswith("The same in all campaigns: cells of the feature map 7.")
+    others = [measure.short for measure in blocks_of(three, tmp_path)["results"][1].data["columns"]]
+    assert {"behaviour 0.5", "driven road 2", "invalid"} <= {*others}
+    assert not {*titles} & {*others}
 
 
 def test_long_curves_are_thinned_and_large_groups_have_bands(tmp_path: Path) -> None:
@@ -58,13 +64,38 @@ def test_long_curves_are_thinned_and_large_groups_have_bands(tmp_path: Path) -> 
     assert (distinct["few"].low, len(distinct["few"].singles)) == ((), 2)
 
 
+def test_curves_over_the_radius_have_their_own_charts(three: Comparison, tmp_path: Path) -> None:
+    charts = blocks_of(three, tmp_path)["unlike"]
+    assert [chart.y_title for chart in charts] == [
+        f"failures unlike in {name}" for name in ("behaviour", "bend", "driven road")
+    ]
+    for chart in charts:
+        lines = {line.name: line for line in chart.series}
+        high, never = lines["high"], lines["never"]
+        assert (high.x[0], high.x[-1], high.y[0], high.y[-1]) == (0.0, 3.0, 28.0, 1.0)
+        assert list(high.y) == sorted(high.y, reverse=True)
+        assert set(never.y) == {0.0}
+    old = tuple(replace(campaign(tmp_path / "x", 4), unlike={}) for _ in range(2))
+    blocks = blocks_of(compare_measured({"a": old[:1], "b": old[1:]}), tmp_path)
+    assert (len(blocks["curves"]), blocks["unlike"]) == (2, [])
+
+
+def test_the_page_says_which_measures_a_search_uses(three: Comparison, tmp_path: Path) -> None:
+    results = next(
+        section
+        for section in comparison_report(three, tmp_path).sections
+        if section.id == "results"
+    )
+    assert results.lead == SHARED_TEXT
+
+
 def test_pairs_state_the_difference_and_claim_nothing_about_few_repeats(
     three: Comparison, tmp_path: Path
 ) -> None:
     (table,) = blocks_of(three, tmp_path)["pairs"]
     assert table.rows[:2] == (
-        ("distinct failures", "high has more than low", "1.00", "large", "0.024"),
-        ("", "low has more than never", "1.00", "large", "0.024"),
+        ("distinct failures", "high has more than low", "1.00", "large", "0.033"),
+        ("", "low has more than never", "1.00", "large", "0.033"),
     )
     blocks = blocks_of(comparison(tmp_path, a=[1, 2], b=[8, 9]), tmp_path)
     (row, *_) = blocks["pairs"][0].rows

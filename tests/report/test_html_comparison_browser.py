@@ -33,11 +33,18 @@ def page(show: Callable[..., Page], three: Comparison, tmp_path: Path) -> Page:
 def test_a_panel_has_a_point_per_campaign_and_a_box_per_group(page: Page) -> None:
     expect(page.locator("h1")).to_have_text("low, high and never compared")
     assert page.locator("#curves canvas").count() == 2
+    tops = page.locator("#unlike canvas").evaluate_all(
+        "els => els.map(el => el.getBoundingClientRect().top)"
+    )
+    assert len(tops) == 3
+    assert len(set(tops)) == 1, "three charts in a row"
+    expect(page.locator("#unlike")).to_contain_text("lateral acceleration / 3 m/s²")
+    expect(page.locator("#results .lead")).to_contain_text("The search frenetic itself uses")
     expect(page.locator("#campaigns a").first).to_have_attribute("href", "low-1/report.html")
     expect(page.locator("#configuration")).to_contain_text("seeds")
     panel = page.locator(".spread-panel").first
     expect(panel.locator("h3")).to_have_text("distinct failures")
-    expect(panel.locator(".dot")).to_have_count(15)
+    expect(panel.locator(".dot")).to_have_count(21)
     expect(panel.locator(".box")).to_have_count(3)
     places = panel.locator(".spread").first.locator(".dot")
     lefts = places.evaluate_all("els => els.map(el => parseFloat(el.getAttribute('cx')))")

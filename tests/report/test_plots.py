@@ -6,6 +6,7 @@ import base64
 import importlib.metadata
 import re
 from collections.abc import Iterator
+from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
 
@@ -20,9 +21,11 @@ from test_picture import HAIRPIN, SHORT, WINDING, drive_along
 
 from frenetic import Campaign, EmbeddedSimulator, Frenetic, Planner
 from frenetic._support.notebook import NotebookRepr
+from frenetic.analysis.campaign_measures import CampaignMeasures
 from frenetic.analysis.clusters import distinct_failures
 from frenetic.analysis.comparison import compare_measured
-from frenetic.analysis.metrics import CampaignMeasures
+from frenetic.analysis.spaces import SPACES
+from frenetic.analysis.unlike import UnlikeFailures
 from frenetic.campaign import CampaignStore
 from frenetic.campaign.counts import Counts
 from frenetic.drivers import Stanley
@@ -199,6 +202,19 @@ def test_any_groups_can_be_drawn(
     (picture,) = pictures
     assert len(re.findall(r">[^<]* campaigns?</text>", picture)) == 2 * len(groups)
     assert {"distinct failures", "failures"} <= set(re.findall(r">([^<]*)</text>", picture))
+
+
+def test_a_picture_has_a_row_of_curves_over_the_radius(tmp_path: Path) -> None:
+    unlike = {name: UnlikeFailures(9, np.linspace(0.1, 2.0, 8)) for name in SPACES}
+    groups = {
+        name: tuple(replace(campaign, unlike=unlike) for campaign in campaigns)
+        for name, campaigns in (("a", SIX), ("b", FIVE))
+    }
+    path = tmp_path / "a.svg"
+    draw_comparison(compare_measured(groups), path)
+    texts = re.findall(r">([^<]*)</text>", path.read_text(encoding="utf-8"))
+    assert texts.count("radius") == 3
+    assert {"failures unlike in behaviour", "failures unlike in bend"} <= {*texts}
 
 
 def test_each_curve_is_a_median_in_its_own_line_style() -> None:

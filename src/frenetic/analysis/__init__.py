@@ -1,27 +1,38 @@
 """Analysis of a campaign: failures, causes, features, coverage, and comparison with others."""
 
+from frenetic.analysis.campaign_measures import CampaignMeasures, measure_campaign
 from frenetic.analysis.clusters import Cluster, Clusters, cluster_failures, nearest_misses
 from frenetic.analysis.comparison import Comparison, compare
 from frenetic.analysis.coverage import DomainCoverage, domain_coverage
+from frenetic.analysis.curves import CURVES, Curve
 from frenetic.analysis.failures import Failure, failures_of
 from frenetic.analysis.groups import find_campaigns
-from frenetic.analysis.metrics import CampaignMeasures, measure_campaign
+from frenetic.analysis.measures import MEASURES, Measure
 from frenetic.analysis.official_segment import competition_segment, failure_segment
 from frenetic.analysis.segments import segments_of
+from frenetic.analysis.spaces import SPACES, Space
 from frenetic.analysis.sparseness import unlike_lines
+from frenetic.analysis.unlike import UnlikeFailures
 from frenetic.segments.features import FEATURES, Features, features_of
 from frenetic.segments.segment import Segment, segment_of
 
 __all__ = [
+    "CURVES",
     "FEATURES",
+    "MEASURES",
+    "SPACES",
     "CampaignMeasures",
     "Cluster",
     "Clusters",
     "Comparison",
+    "Curve",
     "DomainCoverage",
     "Failure",
     "Features",
+    "Measure",
     "Segment",
+    "Space",
+    "UnlikeFailures",
     "cluster_failures",
     "compare",
     "competition_segment",

@@ -21,14 +21,9 @@ import numpy as np
 from frenetic._support.files import require_list
 from frenetic._support.notebook import NotebookRepr
 from frenetic._support.words import counted, oob_unit
+from frenetic.analysis.campaign_measures import CampaignMeasures, measure_campaign
 from frenetic.analysis.groups import differing_parts, parts_of, shared_parts
-from frenetic.analysis.metrics import (
-    HEADLINE,
-    MEASURES,
-    CampaignMeasures,
-    Measure,
-    measure_campaign,
-)
+from frenetic.analysis.measures import HEADLINE, MEASURES, Measure
 from frenetic.analysis.sparseness import MOST_COMPARED
 from frenetic.analysis.statistics import (
     LEAST_REPEATS,
@@ -41,6 +36,7 @@ from frenetic.analysis.statistics import (
     quartiles,
     ranks,
 )
+from frenetic.analysis.unlike import MOST_LINKED
 from frenetic.errors import FreneticError
 
 _RANK_DIGITS: Final = 9  # decimal places of mean ranks: a rounding error must not order groups
@@ -108,6 +104,11 @@ class MeasureComparison:
     """Name of a group -> value of each of its campaigns."""
     pairs: tuple[PairComparison, ...]
     """Comparisons of all pairs of groups."""
+
+    @property
+    def is_tested(self) -> bool:
+        """Whether the campaigns differ, so that pairs of groups are tested."""
+        return len({value for values in self.values.values() for value in values}) > 1
 
     def quartiles(self, group: str) -> Quartiles:
         """Return the quartiles of a group's values."""
@@ -197,6 +198,11 @@ class Comparison(NotebookRepr):
             for name, campaigns in self.groups.items()
         )
         return f"<Comparison of {', '.join(groups)}>"
+
+    @property
+    def main_measures(self) -> tuple[MeasureComparison, ...]:
+        """Comparisons by the measures of short tables, see `Measure.is_main`."""
+        return tuple(by for by in self.measures if by.measure.is_main)
 
     @property
     def headline(self) -> MeasureComparison:
@@ -401,4 +407,9 @@ def _notes_on_campaigns(measured: Mapping[str, tuple[CampaignMeasures, ...]]) ->
         yield (
             f"the competition's sparseness of more than {MOST_COMPARED} failures counts"
             f" {MOST_COMPARED} of them, evenly spaced"
+        )
+    if failures > MOST_LINKED:
+        yield (
+            f"of more than {MOST_LINKED} failures, {MOST_LINKED}, evenly spaced, are compared in"
+            " behaviour, bend and driven road"
         )

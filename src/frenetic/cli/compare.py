@@ -178,6 +178,9 @@ def _expanded(place: str) -> list[Path]:
 
 def comparison_document(comparison: Comparison) -> dict[str, Any]:
     """Return a comparison as a JSON object; null stands for values that are infinite or unknown."""
+    from frenetic.analysis.curves import campaign_curves
+    from frenetic.analysis.measures import SHARED_TEXT, campaign_values
+
     return {
         "groups": {
             name: [
@@ -186,6 +189,14 @@ def comparison_document(comparison: Comparison) -> dict[str, Any]:
                     "seed": campaign.seed,
                     **campaign.counts.counts_json(),
                     "is_finished": campaign.is_finished,
+                    "measures": {
+                        name: None if value is None else _finite(value)
+                        for name, value in campaign_values(campaign).items()
+                    },
+                    "curves": {
+                        name: {"x": x.tolist(), "y": y.tolist()}
+                        for name, (x, y) in campaign_curves(campaign).items()
+                    },
                 }
                 for campaign in campaigns
             ]
@@ -194,6 +205,7 @@ def comparison_document(comparison: Comparison) -> dict[str, Any]:
         "measures": [_measure_document(measured) for measured in comparison.measures],
         "order": list(comparison.headline.order),
         "notes": list(comparison.notes),
+        "about": SHARED_TEXT,
     }
 
 
@@ -226,9 +238,11 @@ def _finite(value: float) -> float | None:
 def print_comparison(comparison: Comparison) -> None:
     """Print medians with quartiles, the verdict on each pair, and the order of the groups.
 
-    Many groups are compared in pairs by the headline measure only.
+    Only the main measures are printed; many groups are compared in pairs by the headline measure
+    only.
     """
     from frenetic.analysis.comparison_text import verdict
+    from frenetic.analysis.measures import SHARED_TEXT
     from frenetic.campaign.counts import Counts
 
     groups = comparison.groups
@@ -244,8 +258,7 @@ def print_comparison(comparison: Comparison) -> None:
     if len(groups) < 2:
         return
     headline = comparison.headline
-    compared = comparison.measures if has_few_groups else [headline]
-    _print_pairs(compared, has_several_pairs=len(groups) > 2)
+    _print_pairs(comparison.main_measures if has_few_groups else [headline])
     order = ", ".join(
         f"{headline.positions[name]}. {name}"
         f" ({headline.measure.text(headline.quartiles(name).median)})"
@@ -253,6 +266,7 @@ def print_comparison(comparison: Comparison) -> None:
     )
     echo(f"Order by {headline.measure.title} (median): {order}")
     echo(verdict(comparison))
+    echo(SHARED_TEXT)
 
 
 def _print_by_measure(comparison: Comparison) -> None:
@@ -262,7 +276,7 @@ def _print_by_measure(comparison: Comparison) -> None:
         ("", *(f">{escape(name)}" for name in groups)),
         [
             (measured.measure.heading, *map(measured.text, groups))
-            for measured in comparison.measures
+            for measured in comparison.main_measures
         ],
         title="Median (quartiles)",
     )
@@ -270,8 +284,9 @@ def _print_by_measure(comparison: Comparison) -> None:
 
 def _print_by_group(comparison: Comparison) -> None:
     """Print medians in a row for each group, in tables of a few measures."""
-    for start in range(0, len(comparison.measures), _MAX_MEASURES_ACROSS):
-        across = comparison.measures[start : start + _MAX_MEASURES_ACROSS]
+    measures = comparison.main_measures
+    for start in range(0, len(measures), _MAX_MEASURES_ACROSS):
+        across = measures[start : start + _MAX_MEASURES_ACROSS]
         print_table(
             ("", *(f">{measured.measure.heading}" for measured in across)),
             [
@@ -282,13 +297,12 @@ def _print_by_group(comparison: Comparison) -> None:
         )
 
 
-def _print_pairs(measures: Sequence[MeasureComparison], *, has_several_pairs: bool) -> None:
+def _print_pairs(measures: Sequence[MeasureComparison]) -> None:
     """Print effect and p of each pair of groups, by each measure."""
     from frenetic.analysis.comparison_text import pair_rows
 
-    p_heading = ">p (Holm)" if has_several_pairs else ">p"
     print_table(
-        ("", "what can be said", ">A12", ">effect", p_heading),
+        ("", "what can be said", ">A12", ">effect", ">p (Holm)"),
         list(pair_rows(measures)),
         title="Differences",
     )

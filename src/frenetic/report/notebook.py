@@ -115,7 +115,7 @@ def _comparison(comparison: Comparison) -> str:
         axes = page.axes(0.6, 0.1, 5.8, 2.6, bare=False)
         draw_curves(axes, comparison)
         picture = _image(page, "Distinct failures found over simulations")
-    measures, groups, headline = comparison.measures, comparison.groups, comparison.headline
+    measures, groups, headline = comparison.main_measures, comparison.groups, comparison.headline
     rows = [
         (group, str(len(groups[group])), *(by.text(group) for by in measures))
         for group in headline.order

@@ -21,7 +21,7 @@ from frenetic.analysis.comparison import Comparison
 from frenetic.campaign.record import Test
 from frenetic.export.tables import CampaignSource, open_store
 from frenetic.oracle.drive import Drive
-from frenetic.report.html.comparison import group_curves
+from frenetic.report.html.comparison import group_charts
 from frenetic.report.html.page import Chart
 from frenetic.report.html.tests import TestSummary
 from frenetic.report.html.timeline import timeline_of
@@ -47,6 +47,7 @@ _AXES_WIDTH: Final = 6.5  # most width of new axes
 _AXES_HEIGHT: Final = 5.5  # most height of new axes with a view from above
 _CHART_HEIGHT: Final = 3.2  # height of new axes with a chart
 _LEFT, _RIGHT, _TOP, _BOTTOM = 0.65, 0.2, 0.4, 0.55  # margins of new axes
+_COMPARISON_HEIGHT: Final = 7.15  # of the picture of a comparison with two rows of charts
 _KEY_HEIGHT: Final = 0.45  # of the key to the colours below new axes
 
 
@@ -158,35 +159,49 @@ def plot_progress(campaign: CampaignSource, ax: Axes | None = None) -> Axes:
 def draw_comparison(comparison: Comparison, path: Path | str) -> None:
     """Write a picture of a comparison to ``path``: PNG, SVG or PDF by its suffix.
 
-    Two charts show distinct failures and failures over the simulations: the median of each group,
-    and the band between its quartiles.
+    Two charts show distinct failures and failures over the simulations, and below three charts
+    failures unlike each other over the radius: the median of each group, and the band between its
+    quartiles.
 
     Raises:
         FreneticError: the path has another suffix, or the file cannot be written.
     """
     form = form_of(path)
+    charts = group_charts(comparison)
+    over_simulations, over_radius = (
+        [chart for curve, chart in charts.items() if curve.is_over_radius is is_over_radius]
+        for is_over_radius in (False, True)
+    )
     with mpl.rc_context(STYLE):
-        page = Paper.new(WIDTH, 4.2)
-        for chart_number, left in enumerate((0.65, 6.15)):
+        page = Paper.new(WIDTH, _COMPARISON_HEIGHT if over_radius else 4.2)
+        for chart, left in zip(over_simulations, (0.65, 6.15), strict=True):
             axes = page.axes(left, 0.2, 4.6, 3.4, bare=False)
-            draw_curves(axes, comparison, chart_number)
+            _draw_groups(axes, comparison, chart)
+        for chart, left in zip(over_radius, (0.65, 4.3, 7.95), strict=False):
+            axes = page.axes(left, 4.35, 2.8, 2.2, bare=False)
+            _draw_chart(axes, chart, None)
         write_figure(page.figure, path, form)
 
 
-def draw_curves(axes: Axes, comparison: Comparison, chart_number: int = 0) -> None:
-    """Draw each group's curve over the simulations: distinct failures (0) or failures (1)."""
+def draw_curves(axes: Axes, comparison: Comparison) -> None:
+    """Draw each group's curve of distinct failures over the simulations."""
+    _draw_groups(axes, comparison, next(iter(group_charts(comparison).values())))
+
+
+def _draw_groups(axes: Axes, comparison: Comparison, chart: Chart) -> None:
+    """Draw a chart of a comparison, with a legend that gives the numbers of campaigns."""
     groups = comparison.groups
-    chart = [*group_curves(comparison)][chart_number]
     _draw_chart(axes, chart, lambda name: f"{name}, {counted(len(groups[name]), 'campaign')}")
 
 
-def _draw_chart(axes: Axes, chart: Chart, name_of: Callable[[str], str]) -> None:
+def _draw_chart(axes: Axes, chart: Chart, name_of: Callable[[str], str] | None) -> None:
     """Draw a chart of counts.
 
     Args:
         axes: axes to draw on.
         chart: the chart.
-        name_of: function of a line's name that returns the line's text in the legend.
+        name_of: function of a line's name that returns the line's text in the legend; None for no
+            legend.
     """
     for line in chart.series:
         colour, style = _COLOURS[line.role], (0, (4, 2)) if line.dashed else "-"
@@ -194,8 +209,9 @@ def _draw_chart(axes: Axes, chart: Chart, name_of: Callable[[str], str]) -> None
             axes.fill_between(line.x, line.low, line.high, color=colour, alpha=0.16, linewidth=0)
         for single in line.singles:
             axes.plot(line.x, single, color=colour, alpha=0.3, linewidth=0.8)
+        label = line.name if name_of is None else name_of(line.name)
         axes.plot(
-            line.x, line.y, label=name_of(line.name), color=colour, linestyle=style, lw=line.width,
+            line.x, line.y, label=label, color=colour, linestyle=style, lw=line.width,
             drawstyle="steps-post" if line.stepped else "default",
         )  # fmt: skip
     most = max(max(*line.y, *line.high, 1.0) for line in chart.series)
@@ -206,4 +222,5 @@ def _draw_chart(axes: Axes, chart: Chart, name_of: Callable[[str], str]) -> None
     for axis in (axes.xaxis, axes.yaxis):
         axis.set_major_locator(MaxNLocator(steps=[1, 2, 5, 10], integer=True))
     axes.grid(color=FAINT, linewidth=0.5, alpha=0.6)
-    axes.legend(loc="upper left", frameon=False, fontsize=8.5)
+    if name_of is not None:
+        axes.legend(loc="upper left", frameon=False, fontsize=8.5)

@@ -20,13 +20,13 @@ from frenetic._support.bounds import Count, Index, check
 from frenetic._support.files import FolderInUse, open_file, write_file
 from frenetic._support.outside_text import read_json
 from frenetic._support.words import counted
+from frenetic.analysis.campaign_measures import measure_campaign
 from frenetic.analysis.comparison import (
     Comparison,
     compare,
     compare_measured,
     repeats_needed,
 )
-from frenetic.analysis.metrics import measure_campaign
 from frenetic.campaign import defaults
 from frenetic.campaign.lock import lock_file
 from frenetic.campaign.summary import Summary
@@ -120,7 +120,10 @@ class Bench:
 
     @property
     def repeats_needed(self) -> int:
-        """Fewest repeats with which a difference between two entrants can be shown."""
+        """Fewest repeats with which a difference between two entrants can be shown.
+
+        All measures are taken to differ between runs: where some are equal, fewer may do.
+        """
         return repeats_needed(len(self.entrants)) if len(self.entrants) > 1 else 1
 
     def states(self) -> list[RunState]:

@@ -12,11 +12,13 @@ from urllib.parse import quote
 import numpy as np
 from matplotlib.ticker import MaxNLocator
 
-from frenetic._support.arrays import evenly
+from frenetic._support.arrays import FloatArray, IntArray, evenly
 from frenetic._support.words import capitalised
+from frenetic.analysis.campaign_measures import CampaignMeasures
 from frenetic.analysis.comparison import Comparison, MeasureComparison
 from frenetic.analysis.comparison_text import findings, in_short, pair_rows
-from frenetic.analysis.metrics import CampaignMeasures, Curve, curves
+from frenetic.analysis.curves import CURVES, Curve
+from frenetic.analysis.measures import SHARED_TEXT
 from frenetic.analysis.statistics import LEAST_REPEATS, SIGNIFICANT
 from frenetic.report.html.campaign import REPORT
 from frenetic.report.html.page import (
@@ -42,21 +44,19 @@ COLOURS: Final = 8
 """Number of colours of groups; further groups repeat them with dashed lines and hollow marks."""
 _END_WIDTH: Final = 14.0
 """Width of the end of a track for campaigns without a value, in percent of the track."""
-_CURVES: Final[tuple[tuple[Curve, str], ...]] = (
-    ("distinct_after", "distinct failures"),
-    ("failures_after", "failures"),
+_UNLIKE_TEXT: Final = (
+    "Clusters of failures, joined by average linkage up to a radius: a root mean square difference"
+    " in a space that no search uses. At radius 0 each different failure counts."
 )
-"""Curves of a page: measure over the simulations, and its title."""
 _STATISTICS: Final = {
     "median, quartiles": "Half of a group's campaigns lie between the quartiles.",
     "A12": "Vargha and Delaney's: the chance that a campaign of the first group does better than"
     " a campaign of the second. 0.5 is no difference; from 0.56 on (or 0.44 down) it is small, 0.64"
     " (0.36) medium, 0.71 (0.29) large.",
-    "p": "Mann-Whitney, two-sided: how often chance alone would separate two groups as far. With"
-    " several groups it is corrected by Holm for the number of pairs, measure by measure. A group"
-    f" counts as better below {SIGNIFICANT:g}, if each group has {LEAST_REPEATS} campaigns or more."
-    " Of many measures some differ by chance, so the measure that orders the groups was chosen"
-    " beforehand.",
+    "p": "Mann-Whitney, two-sided: how often chance alone would separate two groups as far,"
+    " corrected by Holm for all pairs of groups and all measures of this page that are not equal"
+    f" in all campaigns. A group counts as better below {SIGNIFICANT:g}. The measure that orders"
+    " the groups was chosen beforehand.",
 }
 
 
@@ -135,17 +135,24 @@ def comparison_report(
     if comparison.shared:
         configuration.append(Facts(comparison.shared, "The same in all campaigns"))
     explanations = Facts(definitions, "Measures"), Facts(_STATISTICS, "Statistics")
+    charts = group_charts(comparison)
     return Report(
         title=title,
         sections=(
             Section("summary", title, (_headline(comparison, lead),)),
-            Section("results", "Results", (group_table(comparison),)),
+            Section("results", "Results", tuple(_results(comparison)), SHARED_TEXT),
             *sections,
             Section(
                 "curves",
                 "Over the budget",
-                tuple(group_curves(comparison)),
+                tuple(chart for curve, chart in charts.items() if not curve.is_over_radius),
                 _curves_text(comparison),
+            ),
+            Section(
+                "unlike",
+                "Failures unlike each other",
+                tuple(chart for curve, chart in charts.items() if curve.is_over_radius),
+                _UNLIKE_TEXT,
             ),
             Section("spreads", "Campaign by campaign", (group_spreads(comparison),)),
             *_pairs(comparison),
@@ -201,19 +208,21 @@ def groups_of(comparison: Comparison) -> dict[str, dict[str, Any]]:
     return groups
 
 
-def group_table(comparison: Comparison) -> DataBlock:
-    """Return a table with a row per group: the median and the quartiles of each measure.
+def _results(comparison: Comparison) -> Iterator[DataBlock]:
+    """Yield the table of the main measures, and the table of the other measures."""
+    main = comparison.main_measures
+    yield group_table(comparison, main)
+    if others := [by for by in comparison.measures if by not in main]:
+        yield group_table(comparison, others)
+
+
+def group_table(comparison: Comparison, measures: Sequence[MeasureComparison]) -> DataBlock:
+    """Return a table with a row per group: the median and the quartiles of some measures.
 
     A measure with the same value in all campaigns is in the caption.
     """
-    varying: list[MeasureComparison] = []
-    alike: list[str] = []
-    for by in comparison.measures:
-        values = {value for group in by.values.values() for value in group}
-        if len(values) > 1:
-            varying.append(by)
-        else:
-            alike.append(f"{by.measure.title} {by.measure.text(values.pop())}")
+    varying = [by for by in measures if by.is_tested]
+    alike = [f"{by.measure.title} {_common_value(by)}" for by in measures if not by.is_tested]
     alike_text = f" The same in all campaigns: {', '.join(alike)}." if alike else ""
     return DataBlock(
         "groupTable",
@@ -228,16 +237,28 @@ def group_table(comparison: Comparison) -> DataBlock:
     )
 
 
-def group_curves(comparison: Comparison) -> Iterator[Chart]:
-    """Yield charts of distinct failures and of failures over the simulations.
+def _common_value(by: MeasureComparison) -> str:
+    """Return the value that all campaigns have by a measure, as text."""
+    return by.measure.text(next(iter(by.values.values()))[0])
+
+
+def group_charts(comparison: Comparison) -> dict[Curve, Chart]:
+    """Return a chart of each curve that all campaigns have.
 
     A chart has the median of each group with a band between the quartiles; a group of few campaigns
     has a thin line for each campaign in place of the band.
     """
-    groups = groups_of(comparison).values()
-    for curve, title in _CURVES:
-        lines = tuple(_curve(comparison, group, curve) for group in groups)
-        yield Chart(lines, "simulations", title, counts=True)
+    charts: dict[Curve, Chart] = {}
+    for curve in CURVES.values():
+        points = {name: curve.of_group(group) for name, group in comparison.groups.items()}
+        lines = tuple(
+            _line(group, *points_of_group)
+            for group in groups_of(comparison).values()
+            if (points_of_group := points[group["name"]]) is not None
+        )
+        if len(lines) == len(points):
+            charts[curve] = Chart(lines, curve.x_title, curve.title, curve.caption, counts=True)
+    return charts
 
 
 def _curves_text(comparison: Comparison) -> str:
@@ -254,10 +275,15 @@ def _curves_text(comparison: Comparison) -> str:
     )
 
 
-def _curve(comparison: Comparison, group: dict[str, Any], curve: Curve) -> Series:
-    """Return a group's line in a chart."""
-    counts = curves(comparison.groups[group["name"]], curve)
-    shown = evenly(counts.shape[1], POINTS).tolist()
+def _line(group: dict[str, Any], positions: FloatArray, counts: IntArray) -> Series:
+    """Return a group's line in a chart.
+
+    Args:
+        group: data of the group, see `groups_of`.
+        positions: positions of the counts, (n,).
+        counts: counts of each campaign, (campaigns, n).
+    """
+    shown = evenly(len(positions), POINTS)
     low, median, high = (
         tuple(np.round(line[shown], 2).tolist())
         for line in np.quantile(counts, (0.25, 0.5, 0.75), axis=0)
@@ -266,7 +292,7 @@ def _curve(comparison: Comparison, group: dict[str, Any], curve: Curve) -> Serie
     shows_each = not has_band and len(counts) > 1
     return Series(
         name=group["name"],
-        x=tuple(shown),
+        x=tuple(np.round(positions[shown], 4).tolist()),
         y=median,
         low=low if has_band else (),
         high=high if has_band else (),

@@ -8,14 +8,20 @@ import sqlite3
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from sample_campaigns import search, store_of
 
+from frenetic.analysis import campaign_measures
+from frenetic.analysis.campaign_measures import CampaignMeasures, measure_campaign
 from frenetic.analysis.clusters import cluster_failures
+from frenetic.analysis.diameter import set_diameter
 from frenetic.analysis.failures import failures_of
-from frenetic.analysis.metrics import MEASURES, CampaignMeasures, measure_campaign
+from frenetic.analysis.measures import MEASURES, RADII, SHARED_TEXT
 from frenetic.analysis.segments import segments_of
+from frenetic.analysis.spaces import SPACES
 from frenetic.analysis.sparseness import unlike_lines
+from frenetic.analysis.unlike import UnlikeFailures
 from frenetic.campaign import CampaignStore
 from frenetic.export import export_campaign
 from frenetic.oracle.outcome import Outcome
@@ -51,6 +57,15 @@ def test_measures_agree_with_the_database(searched: Path, measured: CampaignMeas
     assert measured.failures == ask(f"{different} outcome = 'FAIL'") > 0
     assert measured.simulations == ask(f"SELECT count(*) FROM test WHERE {driven}") == SIMULATIONS
     assert measured.valid_share == valid / (valid + refused)
+    assert measured.invalid_roads == refused
+    repeats = ask("SELECT count(*) FROM test WHERE outcome = 'FAIL'") - measured.failures
+    assert measured.failing_repeats == repeats
+    up_to_first = f"{driven} AND result_number <= {first}"
+    assert measured.seconds_to_failure == pytest.approx(
+        ask(f"SELECT sum(duration) FROM test WHERE {up_to_first}")
+    )
+    facts = dict(database.execute("SELECT name, value FROM fact"))
+    assert measured.strategy_seconds == float(facts["strategy_seconds"]) > 0.0
     assert measured.min_moobd == ask("SELECT min(moobd) FROM test")
     assert measured.simulations_to_failure == ask(
         f"SELECT count(*) FROM test WHERE {driven} AND result_number <= {first}"
@@ -63,6 +78,9 @@ def test_refused_and_dropped_roads_do_not_count_as_simulations(tmp_path: Path) -
     kinds = (Outcome.INVALID, Outcome.PASS, Outcome.DROPPED, Outcome.ERROR, Outcome.INVALID)
     measured = measure_campaign(store_of(tmp_path / "c", (*kinds, Outcome.FAIL)))
     assert measured.failures_after.tolist() == [0, 0, 0, 1]
+    assert measured.mean_failures == 1 / 3
+    assert measured.invalid_roads == 2
+    assert measured.strategy_seconds is None
     assert measured.simulations_to_failure == 3
     assert measured.valid_share == 3 / 5
     assert not measured.is_finished
@@ -74,7 +92,9 @@ def test_without_failures_the_first_failure_is_infinitely_late(tests: int, tmp_p
     values = {name: measure.of(measured) for name, measure in MEASURES.items()}
     assert values.pop("simulations_to_failure") == math.inf
     assert values.pop("competition_sparseness") == -math.inf
-    assert values.pop("min_moobd") is None
+    assert values.pop("test_set_diameter") == -math.inf
+    assert values.pop("kilometres_to_failure") == values.pop("seconds_to_failure") == math.inf
+    assert values.pop("min_moobd") is values.pop("strategy_seconds") is None
     assert values.pop("valid_share") == 1.0
     assert set(values.values()) == {0.0}
     assert MEASURES["simulations_to_failure"].text(math.inf) == "none"
@@ -95,6 +115,61 @@ def test_the_curve_of_distinct_failures_rises_with_each_new_cluster(
         assert measured.distinct_after[number] == len(clusters_so_far)
     assert measured.distinct_failures == len(clusters_so_far)
     assert len(measured.distinct_after) == SIMULATIONS + 1
+
+
+def test_the_mean_of_a_curve_weighs_early_failures_more(measured: CampaignMeasures) -> None:
+    rises = np.flatnonzero(np.diff(measured.failures_after)) + 1  # simulations of failures
+    area = sum(SIMULATIONS - simulation + 1 for simulation in rises.tolist())
+    assert measured.mean_failures == pytest.approx(area / SIMULATIONS)
+    assert 0.0 < measured.mean_distinct_failures < measured.mean_failures
+
+
+def test_the_length_to_the_first_failure_is_driven(
+    searched: Path, measured: CampaignMeasures
+) -> None:
+    metres = 0.0
+    with CampaignStore.open(searched) as store:
+        for test in store.tests(with_trajectory=True):
+            if test.drive is not None:
+                along = test.road.track(
+                    np.column_stack([test.drive.trajectory.x, test.drive.trajectory.y])
+                )
+                metres += float(along[-1, 0] - along[0, 0])
+            if test.outcome is Outcome.FAIL:
+                break
+    # The lane's length differs a little from the length of the road's centre line.
+    assert 1000.0 * measured.kilometres_to_failure == pytest.approx(metres, rel=0.05)
+
+
+def test_failures_are_unlike_in_each_space(searched: Path, measured: CampaignMeasures) -> None:
+    with CampaignStore.open(searched) as store:
+        failures = list(
+            store.tests(Outcome.FAIL, with_trajectory=True, with_segments=True, with_repeats=False)
+        )
+    for name, space in SPACES.items():
+        vectors = np.array([space.vector(test) for test in failures])
+        expected = UnlikeFailures.of(vectors)
+        for radius in RADII:
+            value = MEASURES[f"{name}_{radius:g}".replace(".", "_")].of(measured)
+            assert value == expected.unlike_at(radius) > 0
+    assert measured.test_set_diameter == set_diameter(
+        test.candidate.curvatures for test in failures
+    )
+
+
+def test_of_many_failures_some_are_linked_evenly(
+    searched: Path, measured: CampaignMeasures, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(campaign_measures, "MOST_LINKED", 4)
+    few = measure_campaign(searched)
+    assert {unlike.different for unlike in few.unlike.values()} == {4}
+    assert (few.failures, few.unlike_roads) == (measured.failures, measured.unlike_roads)
+
+
+def test_distinct_failures_alone_are_shared_with_the_search() -> None:
+    shared = {name for name, measure in MEASURES.items() if measure.is_shared_with_search}
+    assert shared == {"distinct_failures", "mean_distinct_failures"}
+    assert "distinct failures" in SHARED_TEXT
 
 
 def test_cells_and_unlike_roads_count_failures(searched: Path, measured: CampaignMeasures) -> None:

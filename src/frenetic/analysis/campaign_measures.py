@@ -1,30 +1,29 @@
-"""Measures by which campaigns are compared: their meaning and measurement."""
+"""Measured results of a campaign, from which `frenetic.analysis.measures` take their values."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Collection, Iterable, Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
-from types import MappingProxyType
-from typing import Any, Final, Literal, TypeAlias
+from typing import Any, Final
 
 import numpy as np
 
 from frenetic._support.arrays import FloatArray, IntArray, evenly
 from frenetic.analysis.clusters import cluster_failures
+from frenetic.analysis.diameter import set_diameter
 from frenetic.analysis.failures import Failure
 from frenetic.analysis.official_segment import failure_segment
+from frenetic.analysis.spaces import SPACES
 from frenetic.analysis.sparseness import MOST_COMPARED, largest_distances, unlike_lines
+from frenetic.analysis.unlike import MOST_LINKED, UnlikeFailures
 from frenetic.campaign.counts import Counts
 from frenetic.campaign.record import Test
 from frenetic.campaign.store import CampaignStore
 from frenetic.oracle.outcome import Outcome
 from frenetic.road import LANE_WIDTH
 from frenetic.segments.features import FEATURES
-
-Curve: TypeAlias = Literal["distinct_after", "failures_after"]
-"""Name of a curve of `CampaignMeasures`."""
 
 MAP_AXES: Final = ("direction_coverage", "max_curvature", "std_steering", "mean_offset")
 """Features that span the map with the counted cells, as in the competition of 2023."""
@@ -62,6 +61,16 @@ class CampaignMeasures:
     """Mean of `largest_distances`, in edits; minus infinity for fewer than two failures."""
     lane_width: float = LANE_WIDTH
     """Width of each lane, in m."""
+    unlike: Mapping[str, UnlikeFailures] = field(default_factory=dict)
+    """Name of a space of `SPACES` -> numbers of failures unlike each other in it."""
+    test_set_diameter: float = -math.inf
+    """Diameter of the failing roads, see `set_diameter`; minus infinity for fewer than two."""
+    kilometres_to_failure: float = math.inf
+    """Length driven up to and with the first failure, in km; infinite without a failure."""
+    seconds_to_failure: float = math.inf
+    """Simulated time up to and with the first failure, in s; infinite without a failure."""
+    strategy_seconds: float | None = None
+    """Wall time in which the strategy or generator computed, in s; None if it is not recorded."""
 
     @property
     def simulations(self) -> int:
@@ -84,6 +93,26 @@ class CampaignMeasures:
         return float(np.argmax(self.failures_after > 0)) if self.failures else math.inf
 
     @property
+    def mean_failures(self) -> float:
+        """Mean number of failures after a simulation: the area under their curve."""
+        return _mean_after(self.failures_after)
+
+    @property
+    def mean_distinct_failures(self) -> float:
+        """Mean number of distinct failures after a simulation: the area under their curve."""
+        return _mean_after(self.distinct_after)
+
+    @property
+    def invalid_roads(self) -> int:
+        """Number of roads that were refused."""
+        return self.counts.invalid - self.counts.invalid_repeats
+
+    @property
+    def failing_repeats(self) -> int:
+        """Number of failures that repeat an earlier failure, see `frenetic.campaign.counts`."""
+        return self.counts.failing_repeats
+
+    @property
     def min_moobd(self) -> float | None:
         """Lowest MOOBD, in m; None if nothing was driven."""
         return self.counts.min_moobd
@@ -91,134 +120,9 @@ class CampaignMeasures:
     @property
     def valid_share(self) -> float:
         """Share 0..1 of the tested roads that were valid; 1 without a tested road."""
-        invalid = self.counts.invalid - self.counts.invalid_repeats
+        invalid = self.invalid_roads
         valid = self.simulations - (self.counts.repeats - self.counts.invalid_repeats)
         return valid / (valid + invalid) if valid + invalid else 1.0
-
-
-@dataclass(frozen=True)
-class Measure:
-    """Measure: a number by which campaigns are compared."""
-
-    name: str
-    """Name of the attribute of `CampaignMeasures`."""
-    title: str
-    """Title for people."""
-    definition: str
-    """Definition, in a sentence or two."""
-    short: str
-    """Title for a narrow column."""
-    unit: str = ""
-    """Unit; empty without a unit."""
-    more_is_better: bool = True
-    """Whether more is better for a search, rather than less."""
-    decimals: int = 0
-    """Number of decimal places of values as text."""
-
-    def of(self, campaign: CampaignMeasures) -> float | None:
-        """Return the measure's value; None if the campaign lacks it.
-
-        The value is infinite for an event that never happened, which is worse than any number.
-        """
-        value = getattr(campaign, self.name)
-        return None if value is None else float(value)
-
-    def text(self, value: float) -> str:
-        """Return a value as text, without the unit; "none" for an infinite value."""
-        return "none" if math.isinf(value) else f"{value:.{self.decimals}f}"
-
-    @property
-    def heading(self) -> str:
-        """Title, with the unit if there is one."""
-        return f"{self.title} ({self.unit})" if self.unit else self.title
-
-    @property
-    def sign(self) -> float:
-        """Factor 1 or -1 that makes larger values better."""
-        return 1.0 if self.more_is_better else -1.0
-
-    @property
-    def better(self) -> str:
-        """Word for better values: more or less."""
-        return "more" if self.more_is_better else "less"
-
-
-HEADLINE: Final = "distinct_failures"
-"""Name of the measure that orders groups."""
-
-MEASURES: Final[Mapping[str, Measure]] = MappingProxyType(
-    {
-        measure.name: measure
-        for measure in (
-            Measure(
-                "distinct_failures",
-                "distinct failures",
-                "Clusters of failures that are the same problem: side, road and drive before the"
-                " departure differ by up to 2 m.",
-                "distinct",
-            ),
-            Measure(
-                "failures",
-                "failures",
-                "FAIL outcomes. A road that was driven again in the same conditions counts once, in"
-                " this and every other measure.",
-                "failures",
-            ),
-            Measure(
-                "cells",
-                "cells of the feature map",
-                "Cells that hold a failure, of 10 x 10 x 10 x 10 over direction coverage"
-                " 0.05..1.05, largest curvature 0..0.07 1/m, standard deviation of steering"
-                " 0..0.3 rad and mean lateral position -1.5..1.5 m, on the failures' segments.",
-                "cells",
-            ),
-            Measure(
-                "unlike_roads",
-                "failing roads unlike each other",
-                "Failing roads, each of which differs from every one counted before it in more than"
-                " a fifth of its steps of 5 m: whole roads, whatever happens on them.",
-                "roads",
-            ),
-            Measure(
-                "competition_sparseness",
-                "competition's sparseness",
-                "As the competition of 2021 and 2022, mistakes included: per failure the largest"
-                " edit distance to those after it in the order of the tests, mean. One odd road"
-                " raises it for all. None for fewer than two failures, which counts as worse than"
-                " any number.",
-                "sparseness",
-                unit="edits",
-                decimals=1,
-            ),
-            Measure(
-                "simulations_to_failure",
-                "simulations to first failure",
-                "Simulations up to and with the first failure; none if there was none, which"
-                " counts as later than any.",
-                "first failure",
-                more_is_better=False,
-            ),
-            Measure(
-                "min_moobd",
-                "lowest MOOBD",
-                "Lowest minimum oob distance of all drives: how near to failing, or beyond, a"
-                " driver was brought. The one measure that tells searches apart where none fails.",
-                "lowest MOOBD",
-                unit="m",
-                more_is_better=False,
-                decimals=2,
-            ),
-            Measure(
-                "valid_share",
-                "valid share",
-                "Valid roads divided by all roads tested, refused ones included.",
-                "valid share",
-                decimals=3,
-            ),
-        )
-    }
-)
-"""Name -> measure, in the order in which they are shown."""
 
 
 def measure_campaign(folder: Path | str) -> CampaignMeasures:
@@ -229,21 +133,25 @@ def measure_campaign(folder: Path | str) -> CampaignMeasures:
     """
     with CampaignStore.open(folder) as store:
         counts, simulations = Counts(), 0
+        results_to_failure: int | None = None
         failed_after: dict[int, int] = {}  # id of a failure -> simulations up to and with it
         repeats = store.repeats()
-        for test in store.tests():
+        for results, test in enumerate(store.tests(), start=1):
             counts.add(test.candidate, test.outcome, test.moobd)
             simulations += test.outcome.is_simulated
             if test.outcome is Outcome.FAIL and test.id not in repeats:
                 failed_after[test.id] = simulations
-        diversity = _Diversity()
-        for test in store.tests(Outcome.FAIL, with_segments=True):
+                results_to_failure = results_to_failure or results
+        diversity = _Diversity(_evenly_chosen(failed_after))
+        for test in store.tests(Outcome.FAIL, with_trajectory=diversity.linked, with_segments=True):
             # The others are repeats, or newer than the first reading of a running campaign.
             if test.id in failed_after:
                 diversity.add(test)
+        kilometres, seconds = _driven_to_failure(store, results_to_failure)
         config, facts, lane_width = store.config, store.facts, store.lane_width
     clusters = cluster_failures(diversity.failures)
     first_failures = (min(failed_after[test_id] for test_id in cluster.ids) for cluster in clusters)
+    strategy_seconds: Any = facts.get("strategy_seconds")
     return CampaignMeasures(
         folder=Path(folder),
         seed=config.get("seed"),
@@ -255,13 +163,45 @@ def measure_campaign(folder: Path | str) -> CampaignMeasures:
         unlike_roads=unlike_lines(diversity.roads),
         competition_sparseness=diversity.competition_sparseness(),
         lane_width=lane_width,
+        unlike=diversity.unlike(),
+        test_set_diameter=diversity.set_diameter(),
+        kilometres_to_failure=kilometres,
+        seconds_to_failure=seconds,
+        strategy_seconds=strategy_seconds,
     )
+
+
+def _evenly_chosen(ids: Collection[int]) -> frozenset[int]:
+    """Return the ids of the failures that are linked: at most `MOST_LINKED`, evenly spaced."""
+    listed = list(ids)
+    return frozenset(listed[i] for i in evenly(len(listed), MOST_LINKED))
+
+
+def _driven_to_failure(store: CampaignStore, results: int | None) -> tuple[float, float]:
+    """Return length in km and simulated time in s of the drives up to the first failure.
+
+    Args:
+        store: the campaign.
+        results: number of results up to and with the first failure; None without a failure, for
+            which length and time are infinite.
+    """
+    if results is None:
+        return math.inf, math.inf
+    metres = seconds = 0.0
+    for test in store.tests(limit=results, with_trajectory=True):
+        if test.trajectory is not None:
+            moves = np.hypot(np.diff(test.trajectory.x), np.diff(test.trajectory.y))
+            metres += float(moves.sum())
+        seconds += test.result.duration or 0.0
+    return 0.001 * metres, seconds
 
 
 class _Diversity:
     """What the measures of diversity need of the failures of a campaign."""
 
-    def __init__(self) -> None:
+    def __init__(self, linked: Collection[int]) -> None:
+        self.linked = linked
+        """Ids of the failures that are linked in each space."""
         self.failures: list[Failure] = []
         """Failures, to be clustered."""
         self.cells: set[tuple[int, ...]] = set()
@@ -269,12 +209,22 @@ class _Diversity:
         self.roads: list[FloatArray] = []
         """Points of the whole roads, (n, 2) in m, `ROAD_SPACING` apart."""
         self._official_segments: list[FloatArray] = []
+        self._curvatures: list[FloatArray] = []
+        self._vectors: dict[str, list[FloatArray]] = {name: [] for name in SPACES}
 
     def add(self, test: Test) -> None:
-        """Add a failed test, read with the values of its segment."""
+        """Add a failed test, read with the values of its segment.
+
+        A test that is linked is read with its trajectory, too.
+        """
         failure = Failure.of_test(test)
         if failure is not None:
             self.failures.append(failure)
+        self._curvatures.append(test.candidate.curvatures)
+        if test.id in self.linked:
+            for name, space in SPACES.items():
+                if (vector := space.vector(test)) is not None:
+                    self._vectors[name].append(vector)
         if test.segment_values is None:
             return
         features = test.segment_values.features
@@ -290,17 +240,21 @@ class _Diversity:
         distances = largest_distances([self._official_segments[i] for i in compared])
         return float(distances.mean()) if len(distances) else -math.inf
 
+    def unlike(self) -> dict[str, UnlikeFailures]:
+        """Return the numbers of failures unlike each other in each space."""
+        return {
+            name: UnlikeFailures.of(np.array(vectors)) for name, vectors in self._vectors.items()
+        }
 
-def curves(campaigns: Sequence[CampaignMeasures], name: Curve) -> IntArray:
-    """Return a curve of each campaign, (campaigns, n), cut where the shortest campaign ends.
+    def set_diameter(self) -> float:
+        """Return the diameter of the failing roads; minus infinity for fewer than two."""
+        diameter = set_diameter(self._curvatures)
+        return -math.inf if diameter is None else diameter
 
-    Args:
-        campaigns: one or more campaigns.
-        name: name of the curve.
-    """
-    rows: list[IntArray] = [getattr(campaign, name) for campaign in campaigns]
-    reached = min(map(len, rows))
-    return np.array([row[:reached] for row in rows], dtype=np.int64)
+
+def _mean_after(curve: IntArray) -> float:
+    """Return the mean of a curve after each simulation; 0 without a simulation."""
+    return float(curve[1:].mean()) if len(curve) > 1 else 0.0
 
 
 def _curve(rises: Iterable[int], simulations: int) -> IntArray:
