@@ -8,15 +8,18 @@ import numpy as np
 import pytest
 from sample_campaigns import measures, search, store_of
 
+from frenetic.analysis import comparison as comparison_module
+from frenetic.analysis.campaign_measures import CampaignMeasures
 from frenetic.analysis.comparison import (
     Comparison,
     compare,
     compare_measured,
     repeats_needed,
 )
-from frenetic.analysis.comparison_text import pair_rows
+from frenetic.analysis.comparison_text import pair_rows, verdict
 from frenetic.analysis.groups import find_campaigns, group_campaigns
-from frenetic.analysis.metrics import MEASURES, CampaignMeasures
+from frenetic.analysis.measures import MEASURES
+from frenetic.analysis.statistics import holm
 from frenetic.campaign import Budget, Campaign
 from frenetic.drivers import Delayed, Planner
 from frenetic.errors import CampaignError, FreneticError
@@ -26,13 +29,14 @@ from frenetic.spec.terms import Terms
 from frenetic.testing import DummyDriver, DummySimulator
 
 SIMULATIONS = 160
+REPEATS = repeats_needed(2)
 
 
 @pytest.fixture(scope="module")
 def repeats(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Return a folder with five campaigns of each of two strategies."""
+    """Return a folder with campaigns of each of two strategies."""
     parent = tmp_path_factory.mktemp("repeats")
-    for seed in range(5):
+    for seed in range(REPEATS):
         search(parent / f"frenetic-{seed}", Frenetic2021(seed=seed, max_redraws=10), SIMULATIONS)
         search(parent / f"random-{seed}", RandomSearch(seed=seed), SIMULATIONS)
     return parent
@@ -48,10 +52,10 @@ def comparison(repeats: Path) -> Comparison:
 
 def test_frenetic_finds_more_failures_than_random_search(comparison: Comparison) -> None:
     (pair,) = comparison.by("failures").pairs
-    assert (pair.first, pair.second, pair.repeats) == ("frenetic", "random", (5, 5))
+    assert (pair.first, pair.second, pair.repeats) == ("frenetic", "random", (REPEATS, REPEATS))
     assert pair.a12 >= 0.8
     assert pair.magnitude == "large"
-    assert pair.p == pair.p_corrected < 0.05
+    assert pair.p < pair.p_corrected < 0.05
     assert pair.verdict == "the first is better"
     assert comparison.by("failures").pair_text(pair) == "frenetic has more than random"
 
@@ -63,6 +67,8 @@ def test_all_measures_are_compared(comparison: Comparison) -> None:
         for name, values in by.values.items():
             assert by.quartiles(name).median == np.median(values)
     assert comparison.notes == ()
+    main = [by.measure.name for by in comparison.main_measures]
+    assert main == [name for name, measure in MEASURES.items() if measure.is_main]
     with pytest.raises(KeyError, match="no measure is called 'speed'"):
         comparison.by("speed")
 
@@ -75,13 +81,13 @@ def group(*failures: int) -> tuple[CampaignMeasures, ...]:
 
 
 def test_more_failures_are_better_and_a_later_first_failure_is_worse() -> None:
-    quick = tuple(measures(10 + i, first=2 + i) for i in range(5))
-    slow = tuple(measures(1 + i, first=20 + i) for i in range(5))
+    quick = tuple(measures(10 + i, first=2 + i) for i in range(6))
+    slow = tuple(measures(1 + i, first=20 + i) for i in range(6))
     comparison = compare_measured({"quick": quick, "slow": slow})
     for name in ("failures", "simulations_to_failure"):
         (pair,) = comparison.by(name).pairs
         assert pair.a12 == 1.0
-        assert pair.p == pytest.approx(2 / 252)
+        assert pair.p == pytest.approx(2 / 924)
         assert pair.verdict == "the first is better"
     reversed_groups = compare_measured({"slow": slow, "quick": quick})
     (pair,) = reversed_groups.by("simulations_to_failure").pairs
@@ -104,25 +110,58 @@ def test_fewer_than_five_repeats_give_no_verdict(repeats: int) -> None:
     assert by.pair_text(by.pairs[0]) == "a and b: too few repeats to tell"
 
 
-def test_p_values_are_corrected_for_the_number_of_groups() -> None:
-    groups = {"a": group(9, 8, 7, 9, 8), "b": group(5, 4, 6, 5, 4), "c": group(5, 4, 6, 5, 3)}
-    by = compare_measured(groups).by("failures")
+def test_p_values_are_corrected_for_all_pairs_and_measures() -> None:
+    groups = {
+        "a": group(9, 8, 7, 9, 8, 7, 9, 8),
+        "b": group(5, 4, 6, 5, 4, 5, 4, 6),
+        "c": group(5, 4, 6, 5, 3, 5, 4, 6),
+    }
+    comparison = compare_measured(groups)
+    by = comparison.by("failures")
     assert [(pair.first, pair.second) for pair in by.pairs] == [
         ("a", "b"),
         ("a", "c"),
         ("b", "c"),
     ]
-    smallest = min(pair.p for pair in by.pairs)
-    assert by.pairs[0].p_corrected == pytest.approx(3 * smallest)
+    tested = {by.measure.name for by in comparison.measures if by.is_tested}
+    assert tested == {
+        *("distinct_failures", "failures", "mean_distinct_failures", "mean_failures"),
+    }
+    assert comparison.tested_measures == 4
+    pairs = [pair for by in comparison.measures if by.is_tested for pair in by.pairs]
+    assert [pair.p_corrected for pair in pairs] == holm([pair.p for pair in pairs])
+    assert min(pair.p_corrected for pair in pairs) == 12 * min(pair.p for pair in pairs)
     assert by.pairs[0].better == by.pairs[1].better == "a"
     assert by.pairs[2].better is None
     assert by.worse_than("a") == ("b", "c")
     assert by.worse_than("b") == by.worse_than("c") == ()
 
 
+def test_a_measure_that_is_equal_in_all_campaigns_is_not_tested() -> None:
+    groups = {"a": group(9, 8, 7, 9, 8), "b": group(5, 4, 6, 5, 4)}
+    by = compare_measured(groups).by("simulations_to_failure")
+    assert not by.is_tested
+    assert (by.pairs[0].p, by.pairs[0].p_corrected, by.pairs[0].a12) == (1.0, 1.0, 0.5)
+    same = compare_measured({"a": group(3, 3, 3, 3, 3), "b": group(3, 3, 3, 3, 3)})
+    assert (same.tested_measures, same.notes) == (0, ())
+    assert same.headline.pairs[0].verdict == "no difference shown"
+
+
+def test_too_few_campaigns_for_all_measures_are_noted_and_give_no_verdict() -> None:
+    few = {"a": group(50, 51, 52, 53, 54), "b": group(*range(5)), "c": group(*range(20, 25))}
+    comparison = compare_measured(few)
+    assert comparison.by("failures").pairs[0].a12 == 1.0
+    assert comparison.by("failures").pairs[0].verdict == "too few repeats to tell"
+    needed = comparison.repeats_needed
+    assert needed > 5
+    (note,) = comparison.notes
+    assert f"make {needed} repeats each" in note
+    assert verdict(comparison) == f"Too few repeats to tell: {needed} campaigns a group are needed."
+
+
 def test_no_failure_is_worse_than_any_number() -> None:
-    some = tuple(measures(1, first=100, sparseness=10.0 * i, min_moobd=0.31) for i in range(5))
-    never = tuple(measures(0) for _ in range(5))
+    some = tuple(measures(1, first=100, sparseness=10.0 * i, min_moobd=0.31) for i in range(6))
+    never = tuple(measures(0) for _ in range(6))
     comparison = compare_measured({"never": never, "some": some})
     for name in ("simulations_to_failure", "competition_sparseness"):
         assert (comparison.by(name).pairs[0].a12, comparison.by(name).pairs[0].better) == (
@@ -130,7 +169,7 @@ def test_no_failure_is_worse_than_any_number() -> None:
             "some",
         )
         assert comparison.by(name).text("never") == "none"
-    assert comparison.by("competition_sparseness").text("some") == "20.0 (10.0 to 30.0)"
+    assert comparison.by("competition_sparseness").text("some") == "25.0 (12.5 to 37.5)"
     assert all(
         by.measure.name != "min_moobd" for by in comparison.measures
     )  # some campaigns lack it
@@ -154,13 +193,23 @@ def test_groups_are_ordered_by_median_then_by_mean_rank() -> None:
 def test_repeats_needed_is_the_least_number_that_can_show_a_difference(
     groups: int,
 ) -> None:
-    def is_shown(repeats: int) -> bool:
+    def compared(repeats: int) -> Comparison:
         apart = {f"{i}": group(*range(20 * i, 20 * i + repeats)) for i in range(groups)}
-        return any(pair.better for pair in compare_measured(apart).headline.pairs)
+        return compare_measured(apart)
 
-    needed = repeats_needed(groups)
+    def is_shown(repeats: int) -> bool:
+        return any(pair.better for pair in compared(repeats).headline.pairs)
+
+    needed = compared(1).repeats_needed
+    assert needed == repeats_needed(groups, compared(1).tested_measures)
     assert is_shown(needed)
     assert not is_shown(needed - 1)
+    assert needed <= repeats_needed(groups)
+
+
+def test_two_groups_need_seven_repeats_and_nineteen_ten() -> None:
+    assert repeats_needed(2) == 7
+    assert [repeats_needed(19), repeats_needed(20)] == [10, 11]
 
 
 # Groups of campaigns
@@ -172,9 +221,9 @@ def test_campaigns_that_differ_only_in_the_seed_are_a_group(
     groups = group_campaigns(find_campaigns(repeats))
     assert list(groups) == ["frenetic-2021", "random"]
     assert [folder.name for folder in groups["frenetic-2021"]] == [
-        f"frenetic-{i}" for i in range(5)
+        f"frenetic-{i}" for i in range(REPEATS)
     ]
-    assert len(groups["random"]) == 5
+    assert len(groups["random"]) == REPEATS
 
 
 def tiny_campaign(folder: Path, name: str, seed: int = 1, **options: object) -> Path:
@@ -215,7 +264,7 @@ def test_find_campaigns_takes_a_campaign_or_a_folder_of_campaigns(
 ) -> None:
     campaign = repeats / "random-1"
     assert find_campaigns(campaign) == [campaign]
-    assert len(find_campaigns(repeats)) == 10
+    assert len(find_campaigns(repeats)) == 2 * REPEATS
     with pytest.raises(CampaignError, match="holds no campaign"):
         find_campaigns(tmp_path)
     with pytest.raises(CampaignError, match="is no folder"):
@@ -272,7 +321,9 @@ def test_campaigns_in_other_conditions_are_no_repeats(tmp_path: Path) -> None:
     assert compare({"x": [noisy], "y": [noisy_repeat]}).shared["conditions"] == "noise 0.2 m"
 
 
-def test_campaigns_of_different_lengths_and_unfinished_campaigns_are_noted(tmp_path: Path) -> None:
+def test_campaigns_of_different_lengths_and_unfinished_campaigns_are_noted(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     first = tiny_campaign(tmp_path, "a")
     longer = tiny_campaign(tmp_path, "b", budget=Budget(simulations=4))
     notes = compare({"x": [first], "y": [longer]}).notes
@@ -280,6 +331,9 @@ def test_campaigns_of_different_lengths_and_unfinished_campaigns_are_noted(tmp_p
         "the campaigns have from 2 to 4 simulations, and more find more: compare campaigns of equal"
         " length, or look at the curves",
     )
+    monkeypatch.setattr(comparison_module, "MOST_LINKED", -1)
+    notes = compare({"x": [first], "y": [longer]}).notes
+    assert "are compared in behaviour, bend and driven road" in notes[-1]
     cut = store_of(tmp_path / "c", (Outcome.PASS,) * 2)
     notes = compare({"x": [first], "y": [cut]}).notes
     assert "campaigns of y did not finish: c" in notes

@@ -2,7 +2,7 @@
 
 `measure_campaign` measures a campaign, `compare` compares groups of campaigns: medians and
 quartiles, mean ranks, the effect size A12 of Vargha and Delaney, and the Mann-Whitney test for each
-pair of groups, corrected by Holm where there are several pairs.
+pair of groups, corrected by Holm for all pairs and all measures that differ between campaigns.
 """
 
 from __future__ import annotations
@@ -58,14 +58,16 @@ class PairComparison:
     p: float
     """p of the two-sided Mann-Whitney test."""
     p_corrected: float
-    """p, corrected by Holm for the number of pairs."""
+    """p, corrected by Holm for the numbers of pairs and measures."""
     repeats: tuple[int, int]
     """Numbers of campaigns in the first and the second group."""
+    least_p: float
+    """Least p, corrected, that groups of these sizes can have."""
 
     @property
     def has_enough_repeats(self) -> bool:
         """Whether each group has enough repeats for a verdict."""
-        return min(self.repeats) >= LEAST_REPEATS
+        return min(self.repeats) >= LEAST_REPEATS and self.least_p < SIGNIFICANT
 
     @property
     def magnitude(self) -> str:
@@ -209,6 +211,16 @@ class Comparison(NotebookRepr):
         """Comparison by distinct failures, which decides on the order of the groups."""
         return self.by(HEADLINE)
 
+    @property
+    def tested_measures(self) -> int:
+        """Number of measures that are not equal in all campaigns."""
+        return sum(by.is_tested for by in self.measures)
+
+    @property
+    def repeats_needed(self) -> int:
+        """Least number of campaigns in each group with which a difference can be shown."""
+        return repeats_needed(len(self.groups), max(1, self.tested_measures))
+
     def by(self, name: str) -> MeasureComparison:
         """Return the comparison by a measure.
 
@@ -283,13 +295,13 @@ def compare_measured(
         shared: see `Comparison.shared`.
     """
     widths = {campaign.lane_width for campaigns in groups.values() for campaign in campaigns}
-    comparisons = (_compare_by(measure, groups) for measure in _measures_on(widths))
-    return Comparison(
-        groups=groups,
-        measures=tuple(comparison for comparison in comparisons if comparison is not None),
-        notes=(*notes, *_note_on_power(groups)),
-        shared=shared,
-    )
+    values_by_measure = {
+        measure: values
+        for measure in _measures_on(widths)
+        if (values := _values_of(measure, groups)) is not None
+    }
+    comparison = Comparison(groups, _compare_pairs(values_by_measure), tuple(notes), shared)
+    return replace(comparison, notes=(*comparison.notes, *_note_on_power(comparison)))
 
 
 def _measures_on(lane_widths: Collection[float]) -> Iterator[Measure]:
@@ -301,62 +313,100 @@ def _measures_on(lane_widths: Collection[float]) -> Iterator[Measure]:
             yield measure
 
 
-def _compare_by(
+def _values_of(
     measure: Measure, groups: Mapping[str, tuple[CampaignMeasures, ...]]
-) -> MeasureComparison | None:
-    """Return the comparison by a measure; None if a campaign lacks the measure."""
+) -> dict[str, tuple[float, ...]] | None:
+    """Return each group's values of a measure; None if a campaign lacks the measure."""
     values: dict[str, tuple[float, ...]] = {}
     for name, campaigns in groups.items():
         measured = [measure.of(campaign) for campaign in campaigns]
         values[name] = tuple(value for value in measured if value is not None)
         if len(values[name]) < len(measured):
             return None
-    # Larger is better.
-    signed = {name: measure.sign * np.array(row) for name, row in values.items()}
-    names = list(combinations(groups, 2))
-    p_values = [mann_whitney(values[first], values[second]) for first, second in names]
-    pairs = tuple(
-        PairComparison(
+    return values
+
+
+def _compare_pairs(
+    values_by_measure: Mapping[Measure, Mapping[str, tuple[float, ...]]],
+) -> tuple[MeasureComparison, ...]:
+    """Return the comparisons by each measure, with p values corrected for all that are tested.
+
+    Args:
+        values_by_measure: measure -> name of a group -> values of its campaigns.
+    """
+    untested = [
+        MeasureComparison(measure, values, ()) for measure, values in values_by_measure.items()
+    ]
+    p_values = {
+        (by.measure.name, first, second): mann_whitney(by.values[first], by.values[second])
+        for by in untested
+        if by.is_tested
+        for first, second in combinations(by.values, 2)
+    }
+    corrected = dict(zip(p_values, holm(list(p_values.values())), strict=True))
+
+    def pair_of(by: MeasureComparison, first: str, second: str) -> PairComparison:
+        """Return the comparison of two groups by a measure; without a test p is 1."""
+        key, sign = (by.measure.name, first, second), by.measure.sign
+        sizes = len(by.values[first]), len(by.values[second])
+        return PairComparison(
             first=first,
             second=second,
-            a12=a12(signed[first], signed[second]),
-            p=p,
-            p_corrected=corrected,
-            repeats=(len(values[first]), len(values[second])),
+            a12=a12(sign * np.array(by.values[first]), sign * np.array(by.values[second])),
+            p=p_values.get(key, 1.0),
+            p_corrected=corrected.get(key, 1.0),
+            repeats=sizes,
+            least_p=_least_corrected(sizes, max(1, len(p_values))),
         )
-        for (first, second), p, corrected in zip(names, p_values, holm(p_values), strict=True)
+
+    return tuple(
+        replace(by, pairs=tuple(pair_of(by, *names) for names in combinations(by.values, 2)))
+        for by in untested
     )
-    return MeasureComparison(measure, values, pairs)
 
 
-def least_p(sizes: Sequence[int]) -> float:
-    """Return the least possible p of two groups, corrected by Holm for all pairs of groups.
+def _least_corrected(sizes: tuple[int, int], tests: int) -> float:
+    """Return the least p that two groups of these sizes can have, corrected by Holm for some tests.
 
     p is least if all values of one group are better than all of the other. Of all ways to
     distribute the campaigns to the two groups, 2 are that extreme.
+    """
+    return min(1.0, tests * 2.0 / math.comb(sum(sizes), sizes[0]))
+
+
+def least_p(sizes: Sequence[int], measures: int = len(MEASURES)) -> float:
+    """Return the least p of two groups, corrected by Holm for all pairs of groups and measures.
 
     Args:
         sizes: number of campaigns in each of two or more groups.
+        measures: number of measures that are not equal in all campaigns.
     """
     pairs = list(combinations(sizes, 2))
-    return min(1.0, len(pairs) * min(2.0 / math.comb(n + m, n) for n, m in pairs))
+    return min(_least_corrected(pair, len(pairs) * measures) for pair in pairs)
 
 
-def repeats_needed(groups: int) -> int:
-    """Return the least number of campaigns in each group with which a difference can be shown."""
-    return next(n for n in count(LEAST_REPEATS) if least_p([n] * groups) < SIGNIFICANT)
+def repeats_needed(groups: int, measures: int = len(MEASURES)) -> int:
+    """Return the least number of campaigns in each group with which a difference can be shown.
+
+    Args:
+        groups: number of groups, two or more.
+        measures: number of measures that are not equal in all campaigns; by default all, before
+            anything was measured.
+    """
+    return next(n for n in count(LEAST_REPEATS) if least_p([n] * groups, measures) < SIGNIFICANT)
 
 
-def _note_on_power(groups: Mapping[str, Sequence[object]]) -> Iterator[str]:
+def _note_on_power(comparison: Comparison) -> Iterator[str]:
     """Yield a note if the campaigns are too few to show any difference, however large."""
-    sizes = [len(campaigns) for campaigns in groups.values()]
-    if len(sizes) < 2 or min(sizes) < LEAST_REPEATS:
+    sizes = [len(campaigns) for campaigns in comparison.groups.values()]
+    measures = comparison.tested_measures
+    if len(sizes) < 2 or min(sizes) < LEAST_REPEATS or not measures:
         return
-    if (least := least_p(sizes)) >= SIGNIFICANT:
+    if (least := least_p(sizes, measures)) >= SIGNIFICANT:
         yield (
-            f"with so few campaigns and {len(groups)} groups no two can be shown to differ: p after"
-            f" correction is {least:.2g} at least; make {repeats_needed(len(groups))} repeats each,"
-            " or compare fewer groups"
+            f"with so few campaigns, {len(sizes)} groups and {measures} measures no two can be"
+            f" shown to differ: p after correction is {least:.2g} at least; make"
+            f" {comparison.repeats_needed} repeats each"
         )
 
 

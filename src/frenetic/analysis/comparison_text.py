@@ -7,7 +7,6 @@ from typing import Final
 
 from frenetic._support.words import counted
 from frenetic.analysis.comparison import Comparison, MeasureComparison
-from frenetic.analysis.statistics import LEAST_REPEATS
 
 _FULLY_LISTED: Final = 4  # most groups of which a sentence gives all medians (our choice)
 
@@ -31,8 +30,8 @@ def verdict(comparison: Comparison) -> str:
     title = headline.measure.title
     if len(headline.values) == 1:
         return "There is nobody to compare with."
-    if min(len(values) for values in headline.values.values()) < LEAST_REPEATS:
-        return f"Too few repeats to tell: at least {LEAST_REPEATS} campaigns a group are needed."
+    if not any(pair.has_enough_repeats for pair in headline.pairs):
+        return f"Too few repeats to tell: {comparison.repeats_needed} campaigns a group are needed."
     if not any(pair.better for pair in headline.pairs):
         return f"No difference in {title} is shown."
     best, second = headline.order[:2]
@@ -49,7 +48,7 @@ def verdict(comparison: Comparison) -> str:
     if len(headline.pairs) == 1:
         (pair,) = headline.pairs
         best_a12 = max(pair.a12, 1.0 - pair.a12)
-        evidence = f" (A12 {best_a12:.2f}, {pair.magnitude}; p {p_text(pair.p)})"
+        evidence = f" (A12 {best_a12:.2f}, {pair.magnitude}; p {p_text(pair.p_corrected)})"
     return f"{best} finds more {title} than {in_short(worse)}{evidence}."
 
 

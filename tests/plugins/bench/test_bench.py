@@ -83,6 +83,12 @@ def first_messages(spec: str, folder: Path, *, log: Path) -> list[dict[str, Any]
         return [process.receive(LIMIT), process.receive(LIMIT)]
 
 
+def test_the_usual_repeats_suffice_for_nineteen_entrants(tmp_path: Path) -> None:
+    entrants = [Entrant(name=f"random {i}", spec="random", is_strategy=True) for i in range(20)]
+    assert bench_of(tmp_path, *entrants[:19]).repeats_needed == Bench.repeats
+    assert bench_of(tmp_path, *entrants).repeats_needed > Bench.repeats
+
+
 # Each generator ends in its own way, without an effect on the others
 
 

@@ -273,8 +273,8 @@ def _print_plan(the_bench: Bench, log: Log, resume: bool) -> None:
     needed = the_bench.repeats_needed
     if the_bench.repeats < needed and not resume:
         log.print(
-            f"Note: {len(the_bench.entrants)} generators need at least {needed} repeats:"
-            f" with {the_bench.repeats} no difference can be shown",
+            f"Note: {len(the_bench.entrants)} generators need up to {needed} repeats for a"
+            f" difference to be shown: {the_bench.repeats} may be too few",
             markup=False,
         )
 
