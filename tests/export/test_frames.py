@@ -14,6 +14,9 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from frenetic.analysis.campaign_measures import measure_campaign
+from frenetic.analysis.curves import campaign_curves
+from frenetic.analysis.measures import MEASURES
 from frenetic.campaign import Budget, Campaign, CampaignStore, Test
 from frenetic.drivers import Planner
 from frenetic.errors import CampaignError, Fault
@@ -258,8 +261,53 @@ def test_damage_is_an_error_in_one_line(
         assert len(data_frame(folder)) > 0
 
 
+def test_measures_have_a_row_per_campaign(campaign: Path, tmp_path: Path) -> None:
+    shutil.copytree(campaign, tmp_path / "b" / "01")
+    with CampaignStore.create(tmp_path / "b" / "02", {}):
+        pass
+    frame = data_frame(tmp_path / "b", "measures")
+    assert list(frame.columns) == ["campaign", *TABLES["measures"]]
+    assert frame["campaign"].tolist() == [(tmp_path / "b" / n).as_posix() for n in ("01", "02")]
+    full, empty = frame.to_dict("records")
+    measured = measure_campaign(campaign)
+    for name, measure in MEASURES.items():
+        assert (None if pd.isna(full[name]) else full[name]) == measure.of(measured)
+    assert (full["simulations"], full["seed"]) == (measured.simulations, measured.seed)
+    assert (empty["failures"], empty["simulations_to_failure"]) == (0.0, np.inf)
+    assert pd.isna(empty["seed"])
+    assert pd.isna(empty["min_moobd"])
+    types = {"campaign": "string", "seed": "Int64", "is_finished": "bool", "failures": "Float64"}
+    assert {name: str(frame[name].dtype) for name in types} == types
+    with CampaignStore.open(campaign) as store:
+        alone = data_frame(store, "measures")
+    assert list(alone.columns) == list(TABLES["measures"])
+
+
+def test_curves_have_a_row_per_point(campaign: Path, tmp_path: Path) -> None:
+    frame = data_frame(campaign, "curves")
+    assert {name: str(dtype) for name, dtype in frame.dtypes.items()} == {
+        "curve": "string",
+        "x": "float64",
+        "y": "int64",
+    }
+    curves = campaign_curves(measure_campaign(campaign))
+    assert frame["curve"].unique().tolist() == list(curves)
+    for name, (x, y) in curves.items():
+        rows = frame[frame["curve"] == name]
+        assert (rows["x"].tolist(), rows["y"].tolist()) == (x.tolist(), y.tolist())
+    shutil.copytree(campaign, tmp_path / "c")
+    both = data_frame([campaign, tmp_path / "c"], "curves")
+    assert both.groupby("campaign").size().tolist() == [len(frame)] * 2
+
+
+@pytest.mark.parametrize("table", ["measures", "curves"])
+def test_tables_of_campaigns_take_no_outcomes(campaign: Path, table: Any) -> None:
+    with pytest.raises(ValueError, match="is of all tests: leave out outcomes"):
+        data_frame(campaign, table, outcomes="FAIL")
+
+
 def test_an_unknown_table_is_refused(campaign: Path) -> None:
-    with pytest.raises(ValueError, match="one of tests, trajectories is needed"):
+    with pytest.raises(ValueError, match="one of tests, trajectories, measures, curves is needed"):
         data_frame(campaign, "roads")  # type: ignore[arg-type]
 
 

@@ -1,4 +1,4 @@
-"""Tests and trajectories of campaigns as pandas data frames."""
+"""Tests, trajectories, measures and curves of campaigns as pandas data frames."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ import numpy as np
 from msgspec import to_builtins
 
 from frenetic._support.words import pip_install, rounded_seconds
+from frenetic.analysis.campaign_measures import CampaignMeasures, measure_campaign
 from frenetic.analysis.groups import find_campaigns
 from frenetic.campaign.campaign import Campaign
 from frenetic.campaign.columns import TEST_COLUMNS
@@ -20,6 +21,12 @@ from frenetic.campaign.record import Test
 from frenetic.campaign.store import CampaignStore
 from frenetic.conditions.condition import SEED
 from frenetic.errors import FreneticError
+from frenetic.export.campaign_tables import (
+    CURVE_COLUMNS,
+    MEASURE_COLUMNS,
+    curve_frame,
+    measure_frame,
+)
 from frenetic.oracle.drive import Trajectory
 from frenetic.oracle.outcome import Outcome, chosen_outcomes
 from frenetic.oracle.verdict import Side
@@ -28,7 +35,7 @@ from frenetic.road import Pose, profile
 if TYPE_CHECKING:
     import pandas as pd
 
-Table: TypeAlias = Literal["tests", "trajectories"]
+Table: TypeAlias = Literal["tests", "trajectories", "measures", "curves"]
 CampaignSource: TypeAlias = Campaign | CampaignStore | Path | str
 """A campaign, open or not, its folder, or a folder of several campaigns, such as a bench's."""
 CampaignTest: TypeAlias = tuple[str, Test]
@@ -52,12 +59,17 @@ _COLUMN_ORDER: Final = """
     repeat source notes fault records
 """
 TABLES: Final[Mapping[str, tuple[str, ...]]] = MappingProxyType(
-    {"tests": tuple(_COLUMN_ORDER.split()), "trajectories": ("id", *Trajectory.names())}
+    {
+        "tests": tuple(_COLUMN_ORDER.split()),
+        "trajectories": ("id", *Trajectory.names()),
+        "measures": MEASURE_COLUMNS,
+        "curves": CURVE_COLUMNS,
+    }
 )
 """Name of a table -> its columns.
 
-With several campaigns a column ``campaign`` comes first. A column for each condition that some test
-has, such as ``condition_friction``, comes last.
+With several campaigns a column ``campaign`` comes first. In the table ``tests`` a column for each
+condition that some test has, such as ``condition_friction``, comes last.
 """
 
 _CONDITION: Final = "condition_"
@@ -94,33 +106,42 @@ def data_frame(
     *,
     outcomes: Outcome | str | Iterable[Outcome | str] = (),
 ) -> pd.DataFrame:
-    """Return the tests of campaigns, or the trajectories of their drives, as a pandas data frame.
+    """Return tests, trajectories, measures or curves of campaigns as a pandas data frame.
 
-    The columns are the same as in the files of ``frenetic export``, see `frenetic.export.TABLES`.
-    With several campaigns, a column ``campaign`` with their folders comes first. Tests come in the
-    order in which their results were told to the strategy.
+    `frenetic.export.TABLES` lists the columns. ``frenetic export`` writes the first two tables into
+    files. With several campaigns, a column ``campaign`` with their folders comes first. Tests come
+    in the order in which their results were told to the strategy.
 
     Outcomes and sides are categories. Numbers that may be missing are nullable (``Float64``).
     Curvatures and parents are arrays. Superelevation, grade and widening are lists of pairs.
-    Source, notes and fault are dictionaries. ``finished_at`` is a time in UTC.
+    Source, notes and fault are dictionaries. ``finished_at`` is a time in UTC. A measure is
+    infinite if its event never happened, such as a first failure.
 
     Args:
         source: a campaign, open or not, its folder, a folder of several campaigns, such as a
             bench's, or a list of folders.
-        table: ``tests``, with a row per candidate that has a result, or ``trajectories``, with a
-            row per record of a drive. A record takes 96 bytes, an ordinary test 25 kB.
+        table: ``tests``, with a row per candidate that has a result; ``trajectories``, with a row
+            per record of a drive, which takes 96 bytes, an ordinary test 25 kB; ``measures``, with
+            a row per campaign; or ``curves``, with a row per point of a campaign's curves.
         outcomes: one outcome, such as ``"FAIL"``, or several: only their tests are returned. Empty
-            for all tests.
+            for all tests. Measures and curves are of all tests.
 
     Raises:
         FreneticError: pandas or pyarrow is not installed, or a campaign cannot be read.
-        ValueError: the table or an outcome is unknown.
+        ValueError: the table or an outcome is unknown, or outcomes are chosen for a table of
+            campaigns.
     """
     if table not in TABLES:
         raise ValueError(f"table is {table!r}: one of {', '.join(TABLES)} is needed")
     wanted = chosen_outcomes(outcomes)
+    if outcomes and table in ("measures", "curves"):
+        raise ValueError(f"the table {table} is of all tests: leave out outcomes")
     require_extra("a data frame")
     campaigns, are_named = campaigns_of(source)
+    if table in ("measures", "curves"):
+        measured = map(_measured, campaigns)
+        frame = measure_frame(measured) if table == "measures" else curve_frame(measured)
+        return frame if are_named else frame.drop(columns="campaign")
     tests = read_tests(campaigns, wanted, with_trajectory=table == "trajectories")
     return frame_of(table, tests, condition_names(campaigns), are_named=are_named)
 
@@ -151,6 +172,13 @@ def open_store(campaign: CampaignSource) -> AbstractContextManager[CampaignStore
     if isinstance(campaign, CampaignStore):
         return nullcontext(campaign)
     return CampaignStore.open(campaign)
+
+
+def _measured(campaign: CampaignSource) -> CampaignMeasures:
+    """Return the measures of a campaign, open or not."""
+    with open_store(campaign) as store:
+        store.write()
+        return measure_campaign(store.folder)
 
 
 def campaigns_of(
