@@ -33,6 +33,7 @@ from scipy.stats import rankdata
 from frenetic import BeamngAi, EmbeddedSimulator, Planner, Road, Rules, Stanley, judge
 from frenetic.oracle.assessment import assess
 from frenetic.road.validity import interpolate
+from frenetic.simulators.embedded import compile_kernels
 
 FloatArray: TypeAlias = npt.NDArray[np.float64]
 BoolArray: TypeAlias = npt.NDArray[np.bool_]
@@ -229,7 +230,8 @@ def cost() -> None:
         ("BeamngAi, etk800", BeamngAi(), "etk800"),
     ):
         simulator = EmbeddedSimulator(rules=Rules(oob_tolerance=1.0), vehicle=vehicle)
-        simulator.drive(roads[0], driver)  # compiles
+        compile_kernels()
+        simulator.drive(roads[0], driver)
         costs = []
         for road in roads:
             seconds = []

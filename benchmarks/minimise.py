@@ -44,6 +44,7 @@ from frenetic.road import Road
 from frenetic.search import Candidate, Frenetic2021
 from frenetic.segments.segment import segment_of
 from frenetic.simulators import EmbeddedSimulator, Rules
+from frenetic.simulators.embedded import compile_kernels
 from frenetic.testing import converse
 
 Change = Callable[[Road], "FailureReason | None"]
@@ -218,12 +219,12 @@ def main() -> None:
         driver: Driver = DRIVERS.make(options.driver)
         return driver
 
-    with EmbeddedSimulator():  # compiles
-        roads = [
-            road
-            for seed in range(1, options.seeds + 1)
-            for road in find_failures(seed, options.simulations, make_driver(), options.failures)
-        ]
+    compile_kernels()
+    roads = [
+        road
+        for seed in range(1, options.seeds + 1)
+        for road in find_failures(seed, options.simulations, make_driver(), options.failures)
+    ]
     figures, results = measure(roads, make_driver(), options.max_drives)
 
     print(f"{len(roads)} failures of {options.seeds} searches, {options.driver}\n")

@@ -21,6 +21,7 @@ import numpy as np
 from frenetic import Controls, DriveSetup, EmbeddedSimulator, Observation
 from frenetic.plugins.vision.neural import Dave2
 from frenetic.search.random_roads import RandomRoads
+from frenetic.simulators.embedded import compile_kernels
 
 
 class TimedDriver:
@@ -77,7 +78,8 @@ def main() -> None:
     network = Dave2() if options.max_speed is None else Dave2(max_speed=options.max_speed)
     timed, simulator = TimedDriver(network), EmbeddedSimulator()
     roads = list(islice(RandomRoads().valid(np.random.default_rng(options.seed)), options.roads))
-    simulator.drive(roads[0], timed)  # compiles
+    compile_kernels()
+    simulator.drive(roads[0], timed)
     steps: list[float] = []
     inference: list[float] = []
     physics: list[float] = []

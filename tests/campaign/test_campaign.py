@@ -20,7 +20,7 @@ from contents import contents
 from events import on_test
 
 from frenetic._support.arrays import FloatArray
-from frenetic.campaign import Budget, Campaign, CampaignStore, Test, defaults, new_folder, session
+from frenetic.campaign import Budget, Campaign, CampaignStore, Test, defaults, new_folder
 from frenetic.campaign.check import check_campaign
 from frenetic.campaign.configuration import decode_budget
 from frenetic.campaign.guarded_strategy import ObservingStrategy
@@ -107,7 +107,9 @@ def test_kernels_are_compiled_before_the_time_budget_starts(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     order: list[str] = []
-    monkeypatch.setattr(session, "compile_kernels", lambda: order.append("compiled"))
+    monkeypatch.setattr(
+        "frenetic.campaign.campaign.compile_for", lambda *_: order.append("compiled")
+    )
     search = scripted(tmp_path, Budget(time=60.0, failures=1))
     search.run(1, on_event=lambda event: order.append(event.kind))
     assert order[:2] == ["compiled", "started"]
@@ -179,14 +181,14 @@ def test_a_new_folder_has_a_new_name(tmp_path: Path) -> None:
 def test_an_error_after_a_second_ctrl_c_is_an_interruption(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, presses: int
 ) -> None:
-    def compile_with_a_deaf_callback() -> None:
+    def compile_with_a_deaf_callback(*arguments: object) -> None:
         """Swallow Ctrl-C and raise another error, as llvmlite does: its callbacks cannot raise."""
         for _ in range(presses):
             with suppress(KeyboardInterrupt):
                 signal.raise_signal(signal.SIGINT)
         raise RuntimeError("no compiled object yet")
 
-    monkeypatch.setattr(session, "compile_kernels", compile_with_a_deaf_callback)
+    monkeypatch.setattr("frenetic.campaign.campaign.compile_for", compile_with_a_deaf_callback)
     search = scripted(tmp_path, Budget(simulations=2))
     if presses == 2:
         assert search.run().interrupted

@@ -23,6 +23,7 @@ from numba.core import event
 from numba.core.compiler_lock import global_compiler_lock
 from numba.extending import is_jitted
 
+from frenetic._support.interpreted import interpret_first_calls
 from frenetic._support.kernel_cache import ensure_kernel_cache
 
 ensure_kernel_cache()
@@ -43,6 +44,7 @@ def njit(
     inline: Literal["never", "always"] = "never",
     force_inline: bool = False,
     nogil: bool = False,
+    interpret_first: float = 0.0,
 ) -> Callable[[_Kernel], _Kernel]:
     """Return Numba's decorator ``njit``, with its cache on disk.
 
@@ -54,6 +56,8 @@ def njit(
         inline: whether the kernel's source is copied into the kernels that call it.
         force_inline: whether its machine code is, so that a loop around it can become vector code.
         nogil: whether other threads of Python may run while the kernel does.
+        interpret_first: time that compiling takes, in s, if a call from Python takes little more
+            uncompiled: calls are interpreted until they have taken so long.
     """
 
     def compile_lazily(kernel: _Kernel) -> _Kernel:
@@ -73,6 +77,8 @@ def njit(
                     return compile_now(signature)
 
             dispatcher.compile = compile_in_turn
+            if interpret_first:
+                interpret_first_calls(dispatcher, interpret_first)
         return cast("_Kernel", dispatcher)
 
     return compile_lazily

@@ -25,6 +25,7 @@ from frenetic.campaign.defaults import (
     checked_drive_limit,
     checked_terms,
     checked_workers,
+    compile_for,
     default_max_in_flight,
     new_folder,
     prepare,
@@ -450,6 +451,7 @@ class Campaign(NotebookRepr):
                 log,
                 make_workers=partial(self._workers, log),
                 make_second_drive=partial(self._second_drive, store),
+                compile_kernels=partial(compile_for, self._required_budget, self.tester),
                 on_event=on_event,
             )
             try:

@@ -15,6 +15,7 @@ from frenetic.errors import CampaignError, reason_of
 from frenetic.parts.construction import options_of
 from frenetic.search.strategy import Strategy, has_own
 from frenetic.simulators.capabilities import capabilities
+from frenetic.simulators.embedded import compile_kernels, interprets_drives, rehearse
 from frenetic.simulators.simulator import Simulator
 from frenetic.spec import Budget, read_workers
 from frenetic.spec.terms import Terms
@@ -24,6 +25,9 @@ CAMPAIGNS: Final = Path("campaigns")
 """Default parent of campaigns' folders."""
 MAX_IN_FLIGHT: Final = 16
 """Candidates outstanding at once if several workers drive (our choice)."""
+INTERPRETED_DRIVES: Final = 50
+"""Largest number of drives of a campaign for which no kernel is compiled at once (our choice): so
+many drives take less time interpreted than compiling does."""
 QUICK_DRIVES: Final = 1000
 """Largest number of compiled drives of a campaign for which one worker is used (our choice).
 
@@ -86,6 +90,16 @@ def usual_workers(budget: Budget | None, max_in_flight: int | None, tester: Road
     if drives is not None and drives <= QUICK_DRIVES and tester.drives_compiled:
         return 1
     return workers if max_in_flight is None else min(workers, max_in_flight)
+
+
+def compile_for(budget: Budget, tester: RoadTester) -> None:
+    """Compile the kernels of a campaign's drives, unless it has few, which are interpreted."""
+    if budget.simulations is not None and budget.simulations <= INTERPRETED_DRIVES:
+        return
+    if tester.drives_compiled or not interprets_drives():
+        compile_kernels()
+    else:
+        rehearse()
 
 
 def default_max_in_flight(workers: int | str) -> int:

@@ -47,7 +47,7 @@ _Words = npt.NDArray[np.uint32]
 _Codes = npt.NDArray[np.uint64]
 
 
-@njit()
+@njit(interpret_first=0.1)
 def round_columns(
     columns: FloatArray, steps_per_unit: FloatArray, most: float, steps: IntArray
 ) -> _Integer:
@@ -74,7 +74,7 @@ def round_columns(
     return -1
 
 
-@njit()
+@njit(interpret_first=1.3)
 def pack(steps: IntArray, smooth_count: int) -> tuple[_Words, _Integer]:
     """Return the rows of whole numbers, (k, n), as bits, and the number of bytes that these fill.
 
@@ -131,7 +131,7 @@ def pack(steps: IntArray, smooth_count: int) -> tuple[_Words, _Integer]:
     return words, 4 * word + (bit_count + 7) // 8
 
 
-@njit()
+@njit(interpret_first=0.9)
 def unpack(
     words: _Words,
     size: int,

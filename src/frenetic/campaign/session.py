@@ -19,7 +19,6 @@ from frenetic.campaign.summary import Event, EventKind, EventListener, Summary
 from frenetic.campaign.workers import Workers
 from frenetic.errors import CampaignError, CampaignGoneError, FreneticError, reason_of, traceback_of
 from frenetic.processes.interrupt import Interrupt, catch_interrupt
-from frenetic.simulators.embedded import compile_kernels
 
 _START_POLL_INTERVAL: Final = 0.2
 """Time between two looks whether Ctrl-C was pressed while the workers start, in s (our choice)."""
@@ -39,6 +38,8 @@ class SearchSession:
     """Function that returns the workers, which are not started yet."""
     make_second_drive: Callable[[], SecondDrive | None]
     """Function that returns the second drive of the first failure; None for no second drive."""
+    compile_kernels: Callable[[], None]
+    """Function that compiles the kernels, if enough drives are ahead."""
     on_event: EventListener | None
     """The caller's function for events; None to send none."""
     is_consistent: bool = False
@@ -88,7 +89,7 @@ class SearchSession:
         with catch_interrupt(self._send_interrupted) as interrupt:
             self.interrupt = interrupt
             with self.make_workers() as workers:
-                compile_kernels()  # the strategy needs them here; meanwhile the workers start
+                self.compile_kernels()  # the strategy needs them here; meanwhile the workers start
                 while not workers.free and not interrupt.requested:
                     workers.wait(_START_POLL_INTERVAL)
                 self._send("started", summary.snapshot(summary.seconds))

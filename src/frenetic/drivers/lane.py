@@ -64,7 +64,7 @@ def lane_of(
     return Lane(distances, points, headings, curvatures, grades, superelevations)
 
 
-@njit()
+@njit(interpret_first=0.4)
 def _lane(
     table: FloatArray,
     ds: float,

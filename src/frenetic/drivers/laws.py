@@ -76,7 +76,7 @@ def new_memory(law: int, count: int) -> FloatArray | None:
     return np.zeros((count, MEMORY)) if law == BEAMNG_AI else None
 
 
-@njit(error_model="numpy", inline="always")
+@njit(error_model="numpy", inline="always", interpret_first=0.3)
 def planned_speed(
     curvature_ahead: FloatArray,
     limit_ahead: FloatArray,
@@ -117,7 +117,7 @@ def planned_speed(
     return math.sqrt(square)
 
 
-@njit(error_model="numpy", inline="always")
+@njit(error_model="numpy", inline="always", interpret_first=0.3)
 def planned_pedals(
     speed: float,
     curvature_ahead: FloatArray,
@@ -230,7 +230,7 @@ def stanley(
     return min(max(steering, -bound), bound), throttle, brake
 
 
-@njit(error_model="numpy", force_inline=True)
+@njit(error_model="numpy", force_inline=True, interpret_first=1.0)
 def decide(
     law: int,
     speed: float,

@@ -37,7 +37,7 @@ HEADING_PER_OFFSET: Final = 0.1
 _BLOCK: Final = 256  # number of errors that are drawn at once; part of the behaviour
 
 
-@njit()
+@njit(interpret_first=0.1)
 def disturb(ahead: FloatArray, first: int, stop: int, offset: float, heading: float) -> None:
     """Move the view ahead, in place, to where a car with a wrong position sees it.
 
@@ -154,7 +154,7 @@ class ErrorSequence:
         return errors
 
 
-@njit()
+@njit(interpret_first=0.1)
 def _autoregress(fresh: FloatArray, last: FloatArray, correlation: float) -> FloatArray:
     """Return rows (n, 2) of which each depends on the row before; each value has variance 1.
 

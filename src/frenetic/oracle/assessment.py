@@ -126,7 +126,7 @@ def _is_stuck(records: FloatArray, i: int, stuck_distance: float, stuck_time: fl
     return bool(is_old and hypotenuse(dx, dy) < stuck_distance)
 
 
-@njit(error_model="numpy")
+@njit(error_model="numpy", interpret_first=3.0)
 def _assess(
     table: FloatArray,
     ds: float,

@@ -95,7 +95,7 @@ class LocatedDrive:
         return np.column_stack([-offsets.max(axis=1), to_right_edge.min(axis=1)])
 
 
-@njit()
+@njit(interpret_first=0.2)
 def _project_points(
     table: FloatArray, ds: float, x: FloatArray, y: FloatArray, distance: FloatArray, reach: float
 ) -> FloatArray:

@@ -14,7 +14,7 @@ _ROUNDING: Final = 1e-9
 """Number of steps, or share of a change, by which a computed value may miss a limit; our choice."""
 
 
-@njit()
+@njit(interpret_first=0.5)
 def conform(values: FloatArray, limits: FloatArray, wished: FloatArray) -> None:
     """Make curvatures, (n,) in 1/m, meet a class's limits, in place, from the first value on.
 

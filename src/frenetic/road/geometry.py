@@ -110,7 +110,7 @@ def _sub_chord(curvature: float, rate: float, u: float) -> tuple[float, float]:
     return u * ahead, u * left
 
 
-@njit()
+@njit(interpret_first=0.1)
 def sub_steps(curvatures: FloatArray, step: float) -> int:
     """Return the number of sub-steps in each step that keeps to SUB_STEP and SUB_TURN."""
     sharpest = 0.0
@@ -119,7 +119,7 @@ def sub_steps(curvatures: FloatArray, step: float) -> int:
     return max(1, math.ceil(max(step / SUB_STEP, step * sharpest / SUB_TURN) - 1e-9))
 
 
-@njit()
+@njit(interpret_first=0.6)
 def build_table(
     curvatures: FloatArray, step: float, x: float, y: float, heading: float, per_piece: int
 ) -> FloatArray:
@@ -174,7 +174,7 @@ def widening_at(table: FloatArray, ds: float, s: float) -> float:
     return wider
 
 
-@njit(error_model="numpy", force_inline=True)
+@njit(error_model="numpy", force_inline=True, interpret_first=0.1)
 def heading_at(table: FloatArray, ds: float, s: float) -> float:
     """Return the heading of the centre line at ``s``, in rad; beyond both ends it is straight."""
     last = len(table) - 1
@@ -185,7 +185,7 @@ def heading_at(table: FloatArray, ds: float, s: float) -> float:
     return heading
 
 
-@njit(error_model="numpy")
+@njit(error_model="numpy", interpret_first=0.2)
 def frame_at(table: FloatArray, ds: float, s: float) -> tuple[float, float, float, float, float]:
     """Return x, y, cosine and sine of the heading, and the curvature of the centre line at ``s``.
 
@@ -265,7 +265,7 @@ def project_global(table: FloatArray, ds: float, px: float, py: float) -> tuple[
     return project_near(table, ds, px, py, 0.0, (len(table) - 1) * ds)
 
 
-@njit(error_model="numpy", force_inline=True)
+@njit(error_model="numpy", force_inline=True, interpret_first=0.4)
 def project_near(
     table: FloatArray, ds: float, px: float, py: float, s: float, reach: float
 ) -> tuple[float, float]:
@@ -280,7 +280,7 @@ def project_near(
     return _refine(table, ds, px, py, low, high)
 
 
-@njit()
+@njit(interpret_first=0.5)
 def track(table: FloatArray, ds: float, xy: FloatArray) -> FloatArray:
     """Return distances along the road and lateral offsets, (n, 2) in m, of a path.
 
@@ -305,7 +305,7 @@ def track(table: FloatArray, ds: float, xy: FloatArray) -> FloatArray:
     return out
 
 
-@njit()
+@njit(interpret_first=0.5)
 def offsets_near(table: FloatArray, ds: float, xy: FloatArray, distances: FloatArray) -> FloatArray:
     """Return lateral offsets (n,) in m of points from the road near these distances.
 
@@ -320,7 +320,7 @@ def offsets_near(table: FloatArray, ds: float, xy: FloatArray, distances: FloatA
     return out
 
 
-@njit(error_model="numpy", force_inline=True)
+@njit(error_model="numpy", force_inline=True, interpret_first=0.1)
 def reach_of(moved: float) -> float:
     """Return how far along the road to search for a car that has moved ``moved`` m, in m.
 
@@ -330,7 +330,7 @@ def reach_of(moved: float) -> float:
     return _MIN_REACH + 2.0 * moved
 
 
-@njit()
+@njit(interpret_first=0.3)
 def sample_line(table: FloatArray, ds: float, distances: FloatArray, offset: float) -> FloatArray:
     """Return points (n, 2) in m of the line that is ``offset`` m left of the centre line.
 

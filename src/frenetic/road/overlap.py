@@ -35,7 +35,7 @@ _LENGTH_ROUNDING: Final = 1e-6
 """Length above the rounding errors of the extents of quads, in m; our choice."""
 
 
-@njit()
+@njit(interpret_first=1.9)
 def is_overlapping(left: FloatArray, right: FloatArray) -> bool:
     """Return whether a quad is twisted, or touches another quad beyond a neighbour's common line.
 
@@ -68,11 +68,11 @@ def is_overlapping(left: FloatArray, right: FloatArray) -> bool:
         for edge in (left, right):
             for k in range(i, i + 2):
                 dx, dy = edge[k, 0] - centres[i, 0], edge[k, 1] - centres[i, 1]
-                reach[i] = max(reach[i], math.hypot(dx, dy))
+                reach[i] = max(reach[i], math.sqrt(dx * dx + dy * dy))
         if i > 0:
             dx = centres[i, 0] - centres[i - 1, 0]
             dy = centres[i, 1] - centres[i - 1, 1]
-            hop = max(hop, math.hypot(dx, dy))
+            hop = max(hop, math.sqrt(dx * dx + dy * dy))
     longest_reach = reach.max() + _LENGTH_ROUNDING
 
     for i in range(quads - 2):

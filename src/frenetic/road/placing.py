@@ -111,14 +111,14 @@ def fit_to_map(
     return RigidMotion(rotation, centre - (low_x + high_x) / 2.0, centre - (low_y + high_y) / 2.0)
 
 
-@njit()
+@njit(interpret_first=0.6)
 def _box(points: FloatArray) -> tuple[float, float, float, float]:
     """Return the least x and y, then the largest x and y, of points (N, 2)."""
     x, y = points[:, 0], points[:, 1]
     return x.min(), y.min(), x.max(), y.max()
 
 
-@njit()
+@njit(interpret_first=0.3)
 def _convex_hull(points: FloatArray) -> FloatArray:
     """Return the corners of the convex hull, (H, 2), counter-clockwise (Andrew's chain).
 
@@ -147,7 +147,7 @@ def _convex_hull(points: FloatArray) -> FloatArray:
     return hull[: max(size, 1)].copy()
 
 
-@njit()
+@njit(interpret_first=0.2)
 def _edge_rotations(hull: FloatArray) -> FloatArray:
     """Return the rotations from 0 to 90 degrees that make an edge parallel to an axis, (H,) rad."""
     n = len(hull)
@@ -159,7 +159,7 @@ def _edge_rotations(hull: FloatArray) -> FloatArray:
     return rotations
 
 
-@njit()
+@njit(interpret_first=0.4)
 def _smallest_square(hull: FloatArray, bounds: FloatArray) -> tuple[float, float]:
     """Return the rotation at which a hull needs the smallest square, and the square's side in m.
 

@@ -234,7 +234,7 @@ def as_points(points: npt.ArrayLike) -> FloatArray:
 # --- the rules ---------------------------------------------------------------------------------
 
 
-@njit()
+@njit(interpret_first=5.0)
 def _check(points: FloatArray, map_size: float) -> int:
     """Return the code of the first rule that a road breaks; _VALID if it breaks none."""
     if len(points) < 2:
@@ -259,7 +259,7 @@ def _check(points: FloatArray, map_size: float) -> int:
     return _VALID
 
 
-@njit()
+@njit(interpret_first=2.7)
 def _check_layout(nodes: FloatArray, map_size: float) -> int:
     """Return _OUTSIDE, _SELF_INTERSECTING or _VALID for a road with these nodes, (M, 2) in m."""
     left, right, moves = _edges(nodes)
@@ -290,7 +290,7 @@ def _length(points: FloatArray) -> float:
     return total
 
 
-@njit()
+@njit(interpret_first=0.2)
 def _min_radius(points: FloatArray) -> float:
     """Return the least radius in m, see `min_radius`."""
     smallest = math.inf  # the square of the radius
@@ -303,7 +303,8 @@ def _min_radius(points: FloatArray) -> float:
         if abs(cross) < _STRAIGHT:
             continue
         # The circumradius is the product of the sides over four times the area.
-        sides = (ax * ax + ay * ay) * (bx * bx + by * by) * ((ax + bx) ** 2 + (ay + by) ** 2)
+        cx, cy = ax + bx, ay + by
+        sides = (ax * ax + ay * ay) * (bx * bx + by * by) * (cx * cx + cy * cy)
         smallest = min(smallest, sides / (4.0 * cross * cross))
     return math.sqrt(smallest)
 
@@ -311,7 +312,7 @@ def _min_radius(points: FloatArray) -> float:
 # --- interpolation -----------------------------------------------------------------------------
 
 
-@njit()
+@njit(interpret_first=0.2)
 def _chord_parameters(points: FloatArray) -> tuple[FloatArray, float]:
     """Return each point's share of the polyline's length, (N,) in 0..1, and that length in m."""
     parameters = np.zeros(len(points))
@@ -325,13 +326,13 @@ def _chord_parameters(points: FloatArray) -> tuple[FloatArray, float]:
     return parameters, length
 
 
-@njit()
+@njit(interpret_first=0.2)
 def _increasing(parameters: FloatArray) -> bool:
     """Return whether each parameter is larger than the parameter before."""
     return bool((parameters[1:] > parameters[:-1]).all())
 
 
-@njit()
+@njit(interpret_first=0.9)
 def _nodes(points: FloatArray, parameters: FloatArray, length: float) -> FloatArray:
     """Return the interpolated points, (M, 2) in m, rounded to the millimetre."""
     step = 1.0 / max(_MIN_STEPS, int(length / _NODE_DISTANCE))

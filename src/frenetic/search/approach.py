@@ -51,7 +51,7 @@ SIZE = ROAD_SIZE + 2 * STATES
 """Number of values of an approach: the road's, then offsets, then speeds."""
 
 
-@njit()
+@njit(interpret_first=0.3)
 def road_around(table: FloatArray, ds: float, place: float) -> FloatArray:
     """Return the centre line around a place, (19, 2) in m: x ahead of the place, y to its left.
 
@@ -170,7 +170,7 @@ def squared_difference(first: FloatArray, second: FloatArray, most: float) -> fl
     return square
 
 
-@njit()
+@njit(interpret_first=0.1)
 def nearest_square(vectors: FloatArray, vector: FloatArray, most: float) -> float:
     """Return the least squared difference of an approach from (n, 64) others, at most `most`."""
     least = most
@@ -179,7 +179,7 @@ def nearest_square(vectors: FloatArray, vector: FloatArray, most: float) -> floa
     return least
 
 
-@njit()
+@njit(interpret_first=0.1)
 def is_near(vectors: FloatArray, vector: FloatArray, square: float) -> bool:
     """Return whether one of (n, 64) approaches differs by a squared difference below `square`."""
     for i in range(len(vectors)):  # noqa: SIM110 - compiled code knows no generators
@@ -188,7 +188,7 @@ def is_near(vectors: FloatArray, vector: FloatArray, square: float) -> bool:
     return False
 
 
-@njit()
+@njit(interpret_first=0.1)
 def lower_squares(
     squares: FloatArray, sides: IntArray, vectors: FloatArray, side: int, vector: FloatArray
 ) -> None:

@@ -136,7 +136,7 @@ def _refusing_failure(
     return -1
 
 
-@njit()
+@njit(interpret_first=6.5)
 def draw_child(
     parent: Parent,
     draws: ChildDraws,

@@ -24,7 +24,7 @@ _NUMBERS_PER_ELEMENT = 4  # uniform random numbers that an element takes
 _GRADE_LENGTHS = (100.0, 500.0)  # [m] least and largest length of a random grade
 
 
-@njit()
+@njit(interpret_first=0.2)
 def draw_elements(
     values: FloatArray,
     first: int,

@@ -111,7 +111,7 @@ NOTHING: Final = KnownFailures().known()
 """No failure on a side."""
 
 
-@njit()
+@njit(interpret_first=0.2)
 def outline_of(vector: FloatArray) -> FloatArray:
     """Return the outline of an approach, (6,) in m."""
     before = after = 0.0
@@ -128,7 +128,7 @@ def outline_of(vector: FloatArray) -> FloatArray:
     return np.array([before, after, speed, speed_trend, offset, offset_trend])
 
 
-@njit()
+@njit(interpret_first=0.1)
 def first_row_from(outlines: FloatArray, bend: float) -> int:
     """Return the row of the first of (m, 6) sorted outlines whose first number is at least `bend`.
 
@@ -193,7 +193,7 @@ def near_failure(known: Known, vector: FloatArray, square: float) -> int:
     return -1
 
 
-@njit()
+@njit(interpret_first=0.7)
 def nearest_known_square(known: Known, vector: FloatArray, most: float) -> float:
     """Return the least squared difference of an approach from known failures, at most `most` m².
 

@@ -93,7 +93,7 @@ def _output(weights: FloatArray, x: FloatArray, h: FloatArray) -> float:
     return y
 
 
-@njit()
+@njit(interpret_first=0.4)
 def predict(
     weights: FloatArray, curvatures: FloatArray, step: float, first: float, out: FloatArray
 ) -> None:
@@ -112,7 +112,7 @@ def predict(
         out[k] = _USUAL_SPEED + _SPEED_SPREAD * _output(weights, x, h)
 
 
-@njit()
+@njit(interpret_first=0.4)
 def _sample(
     curvatures: FloatArray,
     step: float,

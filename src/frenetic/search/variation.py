@@ -211,7 +211,7 @@ def _change_values(
         scale_values(child, 0, n, -1.0)
 
 
-@njit()
+@njit(interpret_first=2.9)
 def vary(
     operator: int,
     u: FloatArray,

@@ -44,7 +44,7 @@ if TYPE_CHECKING:
     from frenetic.drivers.camera import Image
 
 
-@njit(error_model="numpy", force_inline=True)
+@njit(error_model="numpy", force_inline=True, interpret_first=0.2)
 def look_ahead(
     table: FloatArray,
     ds: float,
@@ -95,7 +95,7 @@ def look_ahead(
         ahead[i, 1] = c * py - n * px
 
 
-@njit(error_model="numpy", force_inline=True)
+@njit(error_model="numpy", force_inline=True, interpret_first=0.2)
 def write_curvatures_ahead(
     table: FloatArray,
     ds: float,
@@ -128,7 +128,7 @@ def write_curvatures_ahead(
         curvature_ahead[i] = kappa / max(1.0 - offset * kappa, 0.05)
 
 
-@njit()
+@njit(interpret_first=0.5)
 def observe(
     table: FloatArray,
     ds: float,
@@ -164,7 +164,7 @@ def observe(
     return end, s, d + 0.5 * lane_width, wrapped(heading - road_heading), share
 
 
-@njit()
+@njit(interpret_first=0.1)
 def limit_at(limits: FloatArray, s: float) -> float:
     """Return the limit at ``s`` m along the road, see `write_limits_ahead` for ``limits``."""
     k = 0
@@ -174,7 +174,7 @@ def limit_at(limits: FloatArray, s: float) -> float:
     return limit
 
 
-@njit(error_model="numpy", force_inline=True)
+@njit(error_model="numpy", force_inline=True, interpret_first=0.2)
 def write_limits_ahead(limits: FloatArray, s: float, rows: int, limit_ahead: FloatArray) -> None:
     """Write the lowest limit between each point ahead and the next one into ``limit_ahead``.
 

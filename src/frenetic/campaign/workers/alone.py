@@ -16,7 +16,6 @@ from frenetic.processes.object_process import LostProcessError, ObjectProcess, p
 from frenetic.road import Road
 from frenetic.simulators.blame import Blame, trouble_of_error, trouble_of_lost_process
 from frenetic.simulators.capabilities import capabilities
-from frenetic.simulators.embedded import compile_kernels
 
 Driving: TypeAlias = Callable[[Road, Mapping[str, float]], Drive]
 """Function that drives a road in conditions."""
@@ -74,7 +73,6 @@ class DriveProcess:
         """
         try:
             self._process.start(CarBody)
-            compile_kernels()  # this process needs them to check roads; meanwhile the other starts
             car: CarBody = self._process.answer()
         except LostProcessError as error:
             self._process.kill()

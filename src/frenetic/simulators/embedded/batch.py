@@ -14,6 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from frenetic._support.arrays import FloatArray, IntArray
+from frenetic._support.interpreted import end_interpretation
 from frenetic.drivers.driver import DriveSetup
 from frenetic.drivers.laws import new_memory, setup_array
 from frenetic.drivers.wrappers import Compiled
@@ -27,6 +28,9 @@ from frenetic.simulators.observer import in_metres_per_second
 
 _MOST_DRIVES: Final = 64
 """Largest number of drives in a batch, whose records take about 10 MB; our choice."""
+LONGEST_INTERPRETED: Final = 5_000.0
+"""Length of roads above which kernels are compiled at once, in m: interpreted, a drive takes 0.7 s
+of processor time for 1 km; our choice."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,6 +72,8 @@ def drive_side_by_side(drives: Sequence[CompiledDrive], threads: int) -> list[Dr
         drives: the drives.
         threads: number of threads that drive.
     """
+    if sum(drive.road.length for drive in drives) > LONGEST_INTERPRETED:
+        end_interpretation()
     # Errors are drawn before threads read them: drives may share a sequence of errors.
     for drive in drives:
         if drive.driver.errors is not None:

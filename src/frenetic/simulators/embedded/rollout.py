@@ -127,7 +127,7 @@ class CarArrays(NamedTuple):
     """How each drive ended, (n,), see `frenetic.oracle.assessment`."""
 
 
-@njit()
+@njit(interpret_first=0.1)
 def start_state(table: FloatArray, lane_width: float, left: float, turned: float) -> FloatArray:
     """Return the state (7,) of a car at rest in the ego lane at the road's first point.
 
@@ -157,7 +157,7 @@ def write_record(
         records[i, _INPUTS + v] = inputs[k, v]
 
 
-@njit(error_model="numpy")
+@njit(error_model="numpy", interpret_first=0.1)
 def ground_under(
     vehicle: FloatArray,
     table: FloatArray,
@@ -198,7 +198,7 @@ def _slopes_of(slopes: Fields, k: int) -> FloatArray:
     return part
 
 
-@njit(error_model="numpy", nogil=True)
+@njit(error_model="numpy", nogil=True, interpret_first=9.0)
 def rollout(
     roads: Fields,
     slopes: Fields | None,

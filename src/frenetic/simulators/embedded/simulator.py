@@ -9,11 +9,12 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, replace
 from functools import cache
-from typing import Any, ClassVar, Final, Self
+from typing import Any, ClassVar, Final
 
 from frenetic._support.arrays import FloatArray
 from frenetic._support.bounds import Positive, check
 from frenetic._support.compiled import cache_folder
+from frenetic._support.interpreted import end_interpretation, is_interpreted, without_compiling
 from frenetic._support.kernel_cache import VARIABLE
 from frenetic.drivers import Planner
 from frenetic.drivers.driver import Controls, Driver, DriveSetup, Observation
@@ -28,10 +29,15 @@ from frenetic.simulators.capabilities import check_road
 from frenetic.simulators.checks import SimulatorCheck
 from frenetic.simulators.drive_loop import run_drive
 from frenetic.simulators.embedded import rollout as kernels
-from frenetic.simulators.embedded.batch import CompiledDrive, drive_side_by_side
+from frenetic.simulators.embedded.batch import (
+    LONGEST_INTERPRETED,
+    CompiledDrive,
+    drive_side_by_side,
+)
 from frenetic.simulators.embedded.python_car import EmbeddedCar, new_renderer
 from frenetic.simulators.embedded.vehicle import Vehicle
 from frenetic.simulators.embedded.weather import weather_array
+from frenetic.simulators.observer import observe
 from frenetic.simulators.simulator import Amount, Ready, StartingPlace, unusual_amounts
 
 
@@ -166,11 +172,6 @@ class EmbeddedSimulator(StartingPlace, Ready):
             self._driver_vehicle = vehicle
             self._set_vehicle(replace(Vehicle.named(vehicle), friction=self.friction))
 
-    def __enter__(self) -> Self:
-        """Compile the kernels that are not compiled yet."""
-        compile_kernels()
-        return self
-
     def checks(self) -> Iterator[SimulatorCheck]:
         """Yield the check whether compiled kernels can be cached."""
         yield _cache_check()
@@ -255,7 +256,8 @@ class EmbeddedSimulator(StartingPlace, Ready):
     def _drive_python(self, road: Road, driver: Driver, setup: DriveSetup) -> Drive:
         """Drive with the compiled rollout's kernels and calls of the driver in between."""
         check_road(self, driver, road)
-        if not isinstance(unwrapped(driver), _Rehearsing):
+        is_rehearsal = isinstance(unwrapped(driver), _Rehearsing)
+        if not is_rehearsal and (road.length > LONGEST_INTERPRETED or not interprets_drives()):
             rehearse()  # before the driver's wall time is measured
         try:
             camera = camera_of(driver)
@@ -265,16 +267,17 @@ class EmbeddedSimulator(StartingPlace, Ready):
         if renderer is not None:
             renderer.draw(*road.pose)  # the first picture takes longer: before that time, too
         car = EmbeddedCar(self._start(road), *self._conditions(road), road, renderer)
-        return run_drive(
-            car,
-            driver,
-            road=road,
-            rules=self.rules,
-            body=self.car,
-            setup=setup,
-            limit=self.wall_limit,
-            period_step=self.period_step,
-        )
+        with without_compiling():
+            return run_drive(
+                car,
+                driver,
+                road=road,
+                rules=self.rules,
+                body=self.car,
+                setup=setup,
+                limit=self.wall_limit,
+                period_step=self.period_step,
+            )
 
     def _conditions(self, road: Road) -> tuple[FloatArray, FloatArray | None]:
         """Return the car's parameters with its load, and the weather, as the kernels take them."""
@@ -303,8 +306,10 @@ def compile_kernels() -> None:
     """Fit, validate, drive and judge one road, so that every kernel is compiled afterwards.
 
     On a machine's first call this takes some seconds. The compiled kernels are cached on disk, so a
-    later call takes a fraction of a second.
+    later call takes a fraction of a second. Call it where many drives follow: in a process that
+    does not, the first drives are interpreted, see `frenetic._support.interpreted`.
     """
+    end_interpretation()
     # So long that fitting must turn it, and not quite straight: this runs every kernel.
     road = Road([0.0] * 10 + [0.005] + [0.0] * 11)
     with _compiling_rollout_elsewhere():
@@ -323,8 +328,8 @@ def _compiling_rollout_elsewhere() -> Iterator[None]:
         yield
         return
     drive = (
-        f"from {__name__} import EmbeddedSimulator, Planner, Road;"
-        " EmbeddedSimulator().drive(Road([0.0] * 5), Planner())"
+        f"from {__name__} import EmbeddedSimulator, Planner, Road, end_interpretation;"
+        " end_interpretation(); EmbeddedSimulator().drive(Road([0.0] * 5), Planner())"
     )
     discard = subprocess.DEVNULL
     command = [sys.executable, "-P", "-c", drive]
@@ -346,6 +351,11 @@ def rehearse() -> None:
     """Compile the further kernels that drives with a driver in Python use, by one such drive."""
     compile_kernels()
     EmbeddedSimulator().drive(Road([0.0] * 5), Noisy(_Rehearsing()))
+
+
+def interprets_drives() -> bool:
+    """Return whether kernels of drives with a driver in Python are interpreted for now."""
+    return is_interpreted(observe)
 
 
 def _cache_check() -> SimulatorCheck:

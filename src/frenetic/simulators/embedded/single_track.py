@@ -361,7 +361,7 @@ def _step(
     )
 
 
-@njit(error_model="numpy")
+@njit(error_model="numpy", interpret_first=2.0)
 def advance(
     states: FloatArray,
     inputs: FloatArray,
