@@ -306,17 +306,22 @@ def compile_kernels() -> None:
     """Fit, validate, drive and judge one road, so that every kernel is compiled afterwards.
 
     On a machine's first call this takes some seconds. The compiled kernels are cached on disk, so a
-    later call takes a fraction of a second. Call it where many drives follow: in a process that
-    does not, the first drives are interpreted, see `frenetic._support.interpreted`.
+    later call takes a fraction of a second. Call it where many drives follow: otherwise the first
+    drives are interpreted, see `frenetic._support.interpreted`.
     """
     end_interpretation()
+    with _compiling_rollout_elsewhere():
+        _test_a_road(Planner())
+
+
+def _test_a_road(driver: Driver) -> None:
+    """Fit, validate, drive and judge one road."""
     # So long that fitting must turn it, and not quite straight: this runs every kernel.
     road = Road([0.0] * 10 + [0.005] + [0.0] * 11)
-    with _compiling_rollout_elsewhere():
-        placed, verdict = road.placed()
-        assert placed is not None
-        assert verdict.valid, verdict.message
-        result = judge(placed, EmbeddedSimulator().drive(placed, Planner()))
+    placed, verdict = road.placed()
+    assert placed is not None
+    assert verdict.valid, verdict.message
+    result = judge(placed, EmbeddedSimulator().drive(placed, driver))
     assert result.outcome is Outcome.PASS, result.reason
 
 
@@ -348,9 +353,9 @@ class _Rehearsing(Planner):
 
 @cache
 def rehearse() -> None:
-    """Compile the further kernels that drives with a driver in Python use, by one such drive."""
-    compile_kernels()
-    EmbeddedSimulator().drive(Road([0.0] * 5), Noisy(_Rehearsing()))
+    """Do as `compile_kernels` with a driver in Python, whose drives use other kernels."""
+    end_interpretation()
+    _test_a_road(Noisy(_Rehearsing()))
 
 
 def interprets_drives() -> bool:
