@@ -281,7 +281,7 @@ def test_command(
 def test_first_command(
     benchmark: BenchmarkFixture, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Run the first command on a machine, with one simulation: it compiles what a drive needs."""
+    """Run the first command on a machine, with one simulation: nothing is compiled for it."""
     seconds: list[float] = []
     cache = tmp_path / "kernels"
     run = partial(command_cpu, "--simulations", "1", "--out", str(tmp_path / "one"), cache=cache)
