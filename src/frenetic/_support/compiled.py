@@ -56,8 +56,9 @@ def njit(
         inline: whether the kernel's source is copied into the kernels that call it.
         force_inline: whether its machine code is, so that a loop around it can become vector code.
         nogil: whether other threads of Python may run while the kernel does.
-        interpret_first: time that compiling takes, in s, if a call from Python takes little more
-            uncompiled: calls are interpreted until they have taken so long.
+        interpret_first: time that compiling takes, in s, with all that is compiled along. Calls
+            from Python are interpreted until they have taken so long; by default, none is. It is
+            for kernels of which one call takes less time in Python than compiling.
     """
 
     def compile_lazily(kernel: _Kernel) -> _Kernel:

@@ -128,7 +128,7 @@ def write_curvatures_ahead(
         curvature_ahead[i] = kappa / max(1.0 - offset * kappa, 0.05)
 
 
-@njit(interpret_first=2.0)
+@njit(interpret_first=4.0)
 def observe(
     table: FloatArray,
     ds: float,
