@@ -59,12 +59,14 @@ def checked_controls(controls: Any) -> tuple[float, float, float]:
         )
     steering, throttle, brake = controls.steering, controls.throttle, controls.brake
     # Nearly all answers pass this fast check.
-    if not (
+    if (
         type(steering) is type(throttle) is type(brake) is float
-        and math.isfinite(throttle + brake)
         and -MOST_STEERING <= steering <= MOST_STEERING
+        and 0.0 <= throttle <= 1.0
+        and 0.0 <= brake <= 1.0
     ):
-        steering, throttle, brake = _converted(controls)
+        return steering, throttle, brake
+    steering, throttle, brake = _converted(controls)
     return steering, min(max(throttle, 0.0), 1.0), min(max(brake, 0.0), 1.0)
 
 
