@@ -140,13 +140,15 @@ class PythonPlanner(Planner):
     """The planner, called from Python."""
 
 
-def test_drivers_in_python_drive_many_roads_too() -> None:
+@pytest.mark.parametrize("conditions", CONDITIONS)
+def test_drivers_in_python_drive_many_roads_too(conditions: str) -> None:
     roads = some_roads(4)
-    simulator = EmbeddedSimulator()
+    simulator = EmbeddedSimulator(**CONDITIONS[conditions])
     compiled = simulator.drive_many(roads, Planner())
     called = simulator.drive_many(roads, PythonPlanner(), threads=2)
-    for drive, other in zip(compiled, called, strict=True):
-        np.testing.assert_array_equal(drive.trajectory.to_rows(), other.trajectory.to_rows())
+    assert_equal(called, compiled)
+    for road, drive in zip(roads, called, strict=True):
+        assert judge(road, drive) == judge(road, replace(drive, assessed=None))
 
 
 def test_no_roads_are_no_drives() -> None:
@@ -179,7 +181,10 @@ end_interpretation()
 road = Road([0.0, 0.03, 0.06, 0.0, -0.04, 0.0])
 other, leaning = Road(-road.curvatures), Road(road.curvatures, grade=0.04, superelevation=-0.03)
 digest = hashlib.sha256()
-for driver in (Planner(), Stanley(), BeamngAi(), Noisy(Planner())):
+class PythonPlanner(Planner):
+    pass
+
+for driver in (Planner(), Stanley(), BeamngAi(), Noisy(Planner()), PythonPlanner()):
     for options in ({}, {"gust": 12.0, "friction": 0.7}):
         for drive in EmbeddedSimulator(**options).drive_many([road, other, leaning], driver):
             digest.update(drive.trajectory.to_rows().tobytes())

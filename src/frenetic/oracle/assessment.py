@@ -32,6 +32,8 @@ RUNNING, REACHED, LEFT_LANE, STUCK, TIMED_OUT = range(5)
 
 RECORD_TIME, RECORD_X, RECORD_Y, RECORD_HEADING = range(4)
 """Columns of the records from which a drive is assessed; the first of a `Trajectory`."""
+RULES_SIZE: Final = 5
+"""Number of the values of `rules_array`."""
 _TIME_ROUNDING: Final = 1e-9
 """Time by which a rounded time may miss `Rules.stuck_time`, in s; our choice."""
 _LENGTH_ROUNDING: Final = 1e-9

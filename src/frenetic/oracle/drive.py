@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import asdict, dataclass, field, fields, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, Literal, Protocol
+from typing import TYPE_CHECKING, Any, Final, Literal, Protocol
 
 import numpy as np
 
@@ -17,6 +17,10 @@ from frenetic.errors import Trouble
 if TYPE_CHECKING:
     from frenetic.oracle.drive_assessment import DriveAssessment
     from frenetic.road import Road
+
+
+BODY_SIZE: Final = 3
+"""Number of the values of `CarBody.to_array`."""
 
 
 @dataclass(frozen=True)

@@ -9,8 +9,8 @@ compiled rollout calls the kernels, a simulator in Python calls an `Observer`.
 
 from __future__ import annotations
 
-import math
-from typing import TYPE_CHECKING
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
@@ -42,6 +42,10 @@ from frenetic.road.geometry import (
 
 if TYPE_CHECKING:
     from frenetic.drivers.camera import Image
+
+_LANES_PER_BLOCK: Final = 64
+"""Number of observations whose arrays are rows of one array (our choice): making an array takes
+longer than making a row of it."""
 
 
 @njit(error_model="numpy", force_inline=True, interpret_first=0.2)
@@ -151,8 +155,8 @@ def observe(
         curvature_ahead: (n,), see `write_curvatures_ahead`.
 
     Returns:
-        RUNNING or how the drive ended, distance along the road in m, offset to the left of the ego
-        lane's centre in m, heading error in rad, and oob share 0..1.
+        RUNNING or how the drive ended, distance along the road in m, offset to the left of the
+        road's centre line in m, heading error in rad, and oob share 0..1.
     """
     end, s, d, road_heading, share = assess_record(
         table, ds, lane_width, rules, car, records, i, s, least
@@ -161,7 +165,7 @@ def observe(
     pose = records[i, RECORD_X], records[i, RECORD_Y], heading
     look_ahead(table, ds, lane_width, pose, s, 0, rows, ahead)
     write_curvatures_ahead(table, ds, lane_width, s, rows, curvature_ahead)
-    return end, s, d + 0.5 * lane_width, wrapped(heading - road_heading), share
+    return end, s, d, wrapped(heading - road_heading), share
 
 
 @njit(interpret_first=0.1)
@@ -246,6 +250,115 @@ class LimitsAhead:
         self._ahead.setflags(write=False)
 
 
+def glance(
+    line: tuple[FloatArray, float, float],
+    pose: tuple[float, float, float],
+    before: tuple[float, float, float],
+    lane: tuple[FloatArray, FloatArray, int],
+) -> tuple[float, float, float]:
+    """Return a car's place between two records, and write the lane ahead.
+
+    Args:
+        line: Table, ``ds`` and width of a lane, see `frenetic.road.geometry`.
+        pose: x, y and heading of the car, in m, m and rad.
+        before: x, y and distance along the road at the last record, in m.
+        lane: Arrays and the row in which the lane ahead is written, see `DriverViews.new_lane`.
+
+    Returns:
+        Distance along the road and offset to the left of the ego lane's centre in m, and heading
+        error in rad.
+    """
+    table, ds, lane_width = line
+    x, y, heading = pose
+    before_x, before_y, before_s = before
+    reach = reach_of(hypotenuse(x - before_x, y - before_y))
+    s, d = project_near(table, ds, x, y, before_s, reach)
+    error = wrapped(heading - heading_at(table, ds, s))
+    ahead, curvature_ahead, row = lane
+    look_ahead(*line, pose, s, 0, AHEAD_POINTS, ahead[row])
+    write_curvatures_ahead(*line, s, AHEAD_POINTS, curvature_ahead[row])
+    return s, d + 0.5 * lane_width, error
+
+
+class DriverViews:
+    """The observations of one drive, which have the road and, mostly, the speed limits in common.
+
+    Args:
+        road: The road under the car.
+        rules: Rules of the drive.
+    """
+
+    def __init__(self, road: Road, rules: Rules) -> None:
+        self._limits = LimitsAhead(road, rules)
+        # All attributes of an observation: each gets a copy with its own values.
+        no_lane = np.empty((0, 2)), np.empty(0)
+        self._attributes = vars(Observation(*(0.0,) * 6, *no_lane, _road=road)).copy()
+        self._set_limits(0.0)
+        self._row = _LANES_PER_BLOCK
+
+    def new_lane(self) -> tuple[FloatArray, FloatArray, int]:
+        """Return arrays and the row in which the lane ahead is written for the next observation.
+
+        The points ahead, (m, n, 2), and their curvatures, (m, n).
+        """
+        self._row += 1
+        if self._row >= _LANES_PER_BLOCK:
+            self._row = 0
+            self._block = (
+                np.empty((_LANES_PER_BLOCK, AHEAD_POINTS, 2)),
+                np.empty((_LANES_PER_BLOCK, AHEAD_POINTS)),
+            )
+            self._ahead, self._curvatures = (lanes.view() for lanes in self._block)
+            self._ahead.setflags(write=False)
+            self._curvatures.setflags(write=False)
+        return *self._block, self._row
+
+    def _set_limits(self, s: float) -> None:
+        """Set the speed limits of the next observation, ``s`` m along the road."""
+        attributes = self._attributes
+        attributes["speed_limit"], attributes["speed_limit_ahead"] = self._limits.at(s)
+
+    def observation(
+        self,
+        motion: Sequence[float],
+        place: tuple[float, float, float],
+        image: Image | None,
+    ) -> Observation:
+        """Return an observation with the lane that was written last; its arrays are read-only.
+
+        Args:
+            motion: Time and motion of the car, the first columns of a `Trajectory`, as floats.
+            place: Distance along the road and offset to the left of the ego lane's centre in m, and
+                heading error in rad.
+            image: Picture of the driver's camera; None without a camera.
+        """
+        if not self._limits.is_constant:
+            self._set_limits(place[0])
+        # Faster than the constructor, which sets each attribute of a frozen class by a call.
+        values = self._attributes.copy()
+        (
+            values["time"],
+            values["x"],
+            values["y"],
+            values["heading"],
+            values["speed"],
+            values["lateral_speed"],
+            values["yaw_rate"],
+            values["steering"],
+        ) = motion
+        values["distance"], values["lateral_offset"], values["heading_error"] = place
+        values["ahead"], values["curvature_ahead"] = (
+            self._ahead[self._row],
+            self._curvatures[self._row],
+        )
+        if image is not None:
+            image.setflags(write=False)
+            values["image"] = image
+        observation = object.__new__(Observation)
+        object.__setattr__(observation, "__dict__", values)
+        return observation
+
+
 class Observer:
     """Observer of one drive of a car that a simulator in Python moves.
 
@@ -261,7 +374,6 @@ class Observer:
     """
 
     def __init__(self, road: Road, rules: Rules, car: CarBody, records: int) -> None:
-        self._road = road
         self._line = road.table, road.sub_step, road.lane_width
         self._rules = rules_array(rules, road.length)
         self._car = car.to_array()
@@ -269,18 +381,18 @@ class Observer:
         self._records = np.empty((records, 4))  # time, x, y and heading
         self._count = 0  # of the records so far
         self._s = 0.0  # at the last record
-        self._now = (0.0,) * 7  # time, x, y, heading, s, lateral offset, heading error
-        self._ahead = self._curvature_ahead = np.empty(0)
-        self._limits = LimitsAhead(road, rules)
+        self._views = DriverViews(road, rules)
+        self._pose = (0.0,) * 4  # time, x, y and heading
+        self._place = (0.0,) * 3  # see `DriverViews.observation`
 
     def see(self, time: float, x: float, y: float, heading: float) -> bool:
         """Take in a record (s, m, m, rad); return whether the drive continues."""
-        self._ahead, self._curvature_ahead = np.empty((AHEAD_POINTS, 2)), np.empty(AHEAD_POINTS)
+        ahead, curvature_ahead, row = self._views.new_lane()
         records, i = self._records, self._count
         # A value at a time: numpy is slow to make an array of a tuple.
         records[i, RECORD_TIME], records[i, RECORD_HEADING] = time, heading
         records[i, RECORD_X], records[i, RECORD_Y] = x, y
-        end, self._s, offset, heading_error, _ = observe(
+        end, self._s, d, heading_error, _ = observe(
             *self._line,
             self._rules,
             self._car,
@@ -288,26 +400,21 @@ class Observer:
             i,
             self._s,
             self._tolerance,
-            self._ahead,
-            self._curvature_ahead,
+            ahead[row],
+            curvature_ahead[row],
         )
         self._count += 1
-        self._now = time, x, y, heading, self._s, offset, heading_error
+        self._pose = time, x, y, heading
+        self._place = self._s, d + 0.5 * self._line[2], heading_error
         return bool(end == RUNNING)
 
     def glance(self, time: float, x: float, y: float, heading: float) -> None:
         """Take in a pose (s, m, m, rad) between two records, which ends no drive."""
-        table, ds, lane_width = self._line
         before = self._records[self._count - 1]
-        before_x, before_y = float(before[RECORD_X]), float(before[RECORD_Y])
-        reach = reach_of(hypotenuse(x - before_x, y - before_y))
-        s, d = project_near(table, ds, float(x), float(y), self._s, reach)
-        error = wrapped(heading - heading_at(table, ds, s))
-        self._now = time, x, y, heading, s, d + 0.5 * lane_width, error
-        self._ahead, self._curvature_ahead = np.empty((AHEAD_POINTS, 2)), np.empty(AHEAD_POINTS)
+        before_pose = float(before[RECORD_X]), float(before[RECORD_Y]), self._s
         pose = float(x), float(y), float(heading)
-        look_ahead(*self._line, pose, s, 0, AHEAD_POINTS, self._ahead)
-        write_curvatures_ahead(*self._line, s, AHEAD_POINTS, self._curvature_ahead)
+        self._pose = time, x, y, heading
+        self._place = glance(self._line, pose, before_pose, self._views.new_lane())
 
     def observation(
         self,
@@ -327,32 +434,5 @@ class Observer:
             image: Picture of the driver's camera; None without a camera.
             lateral_speed: Speed across the car in m/s, positive to the left.
         """
-        time, x, y, heading, s, lateral_offset, heading_error = self._now
-        self._ahead.setflags(write=False)
-        self._curvature_ahead.setflags(write=False)
-        speed_limit, speed_limit_ahead = self._limits.at(s)
-        if image is not None:
-            image.setflags(write=False)
-        # Faster than the constructor, which sets each attribute of a frozen class by a call.
-        observation = object.__new__(Observation)
-        observation.__dict__.update(
-            time=float(time),
-            speed=float(speed),
-            yaw_rate=float(yaw_rate),
-            steering=float(steering),
-            lateral_offset=lateral_offset,
-            heading_error=heading_error,
-            ahead=self._ahead,
-            curvature_ahead=self._curvature_ahead,
-            distance=s,
-            image=image,
-            x=float(x),
-            y=float(y),
-            heading=float(heading),
-            lateral_speed=float(lateral_speed),
-            view=math.inf,
-            speed_limit=speed_limit,
-            speed_limit_ahead=speed_limit_ahead,
-            _road=self._road,
-        )
-        return observation
+        motion = *self._pose, speed, lateral_speed, yaw_rate, steering
+        return self._views.observation([float(v) for v in motion], self._place, image)

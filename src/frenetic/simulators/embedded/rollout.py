@@ -49,8 +49,8 @@ PERIOD: Final = STEP * STEPS_PER_PERIOD
 # Columns of the records, in the order of the columns of a `Trajectory`: the time, the state in its
 # order, and the controls that the driver chose.
 _STATE: Final = 1
-_INPUTS: Final = _STATE + STATE_SIZE
-RECORD_SIZE: Final = _INPUTS + INPUT_SIZE
+INPUTS: Final = _STATE + STATE_SIZE
+RECORD_SIZE: Final = INPUTS + INPUT_SIZE
 
 
 Fields: TypeAlias = tuple[Any, ...]
@@ -154,7 +154,7 @@ def write_record(
     for v in range(STATE_SIZE):
         records[i, _STATE + v] = states[k, v]
     for v in range(INPUT_SIZE):
-        records[i, _INPUTS + v] = inputs[k, v]
+        records[i, INPUTS + v] = inputs[k, v]
 
 
 @njit(error_model="numpy", interpret_first=0.1)
@@ -309,7 +309,7 @@ def rollout(
             waiting[k, slot, BRAKE] = brake
             slot = (i + 1) % (delays[k] + 1)  # of the oldest controls, which arrive now
             for v in range(INPUT_SIZE):
-                inputs[k, v] = records[k, i, _INPUTS + v] = waiting[k, slot, v]
+                inputs[k, v] = records[k, i, INPUTS + v] = waiting[k, slot, v]
             n += 1
 
         # Move the cars.

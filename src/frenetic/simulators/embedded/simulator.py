@@ -34,10 +34,13 @@ from frenetic.simulators.embedded.batch import (
     CompiledDrive,
     drive_side_by_side,
 )
-from frenetic.simulators.embedded.python_car import EmbeddedCar, new_renderer
+from frenetic.simulators.embedded.python_car import (
+    EmbeddedCar,
+    advance_to_record,
+    new_renderer,
+)
 from frenetic.simulators.embedded.vehicle import Vehicle
 from frenetic.simulators.embedded.weather import weather_array
-from frenetic.simulators.observer import observe
 from frenetic.simulators.simulator import Amount, Ready, StartingPlace, unusual_amounts
 
 _COMPILING_LIMIT: Final = 3600.0
@@ -269,7 +272,14 @@ class EmbeddedSimulator(StartingPlace, Ready):
             return Drive(Trajectory.empty(), self.car, self.rules, road, Trouble.of(error))
         if renderer is not None:
             renderer.draw(*road.pose)  # the first picture takes longer: before that time, too
-        car = EmbeddedCar(self._start(road), *self._conditions(road), road, renderer)
+        car = EmbeddedCar(
+            self._start(road),
+            *self._conditions(road),
+            road=road,
+            rules=self.rules,
+            body=self.car,
+            renderer=renderer,
+        )
         with without_compiling():
             return run_drive(
                 car,
@@ -364,7 +374,7 @@ def rehearse() -> None:
 
 def interprets_drives() -> bool:
     """Return whether kernels of drives with a driver in Python are interpreted for now."""
-    return is_interpreted(observe)
+    return is_interpreted(advance_to_record)
 
 
 def _cache_check() -> SimulatorCheck:
