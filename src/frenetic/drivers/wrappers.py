@@ -27,6 +27,7 @@ from frenetic.drivers.driver import (
     Driver,
     DriveSetup,
     Observation,
+    changed_observation,
 )
 from frenetic.drivers.stack import OwnWrapper
 
@@ -117,7 +118,7 @@ class Noisy(OwnWrapper):
         disturb(ahead, 0, len(ahead), offset, heading)
         lane_heading = observation.heading - observation.heading_error
         return self.driver.act(
-            replace(
+            changed_observation(
                 observation,
                 lateral_offset=observation.lateral_offset + offset,
                 heading_error=observation.heading_error + heading,
@@ -243,7 +244,7 @@ class LimitedView(OwnWrapper):
     def act(self, observation: Observation) -> Controls:
         """Return the driver's controls for the road in view."""
         return self.driver.act(
-            replace(
+            changed_observation(
                 observation,
                 ahead=observation.ahead[: self.rows],
                 curvature_ahead=observation.curvature_ahead[: self.rows],
@@ -281,7 +282,7 @@ class Hasty(OwnWrapper):
         """Return the driver's controls for higher limits."""
         excess = self.excess / 3.6
         return self.driver.act(
-            replace(
+            changed_observation(
                 observation,
                 speed_limit=observation.speed_limit + excess,
                 speed_limit_ahead=observation.speed_limit_ahead + excess,

@@ -17,7 +17,7 @@ import numpy as np
 from frenetic._support.arrays import FloatArray
 from frenetic._support.compiled import njit
 from frenetic._support.trigonometry import cosine, hypotenuse, sine, wrapped
-from frenetic.drivers.driver import AHEAD_POINTS, AHEAD_SPACING, Observation
+from frenetic.drivers.driver import AHEAD_POINTS, AHEAD_SPACING, Observation, new_observation
 from frenetic.oracle.assessment import (
     RECORD_HEADING,
     RECORD_TIME,
@@ -334,7 +334,6 @@ class DriverViews:
         """
         if not self._limits.is_constant:
             self._set_limits(place[0])
-        # Faster than the constructor, which sets each attribute of a frozen class by a call.
         values = self._attributes.copy()
         (
             values["time"],
@@ -354,9 +353,7 @@ class DriverViews:
         if image is not None:
             image.setflags(write=False)
             values["image"] = image
-        observation = object.__new__(Observation)
-        object.__setattr__(observation, "__dict__", values)
-        return observation
+        return new_observation(values)
 
 
 class Observer:
