@@ -112,7 +112,7 @@ class Noisy(OwnWrapper):
 
     def act(self, observation: Observation) -> Controls:
         """Return the driver's controls for the disturbed observation."""
-        offset, heading = self._errors.upto(self._calls + 1)[self._calls]
+        offset, heading = self._errors.upto(self._calls + 1)[self._calls].tolist()
         self._calls += 1
         ahead = observation.ahead.copy()
         disturb(ahead, 0, len(ahead), offset, heading)
@@ -140,6 +140,7 @@ class ErrorSequence:
         self._deviations = np.array([offset, heading])
         self._correlation = math.exp(-period / correlation_time)  # of successive errors
         self._unscaled = np.empty((0, 2))  # the errors, divided by their standard deviations
+        self._errors = self._unscaled
 
     def upto(self, n: int) -> FloatArray:
         """Return at least the first n errors, (m, 2) in m and rad with m >= n.
@@ -151,8 +152,8 @@ class ErrorSequence:
             last = self._unscaled[-1] if len(self._unscaled) else self._rng.standard_normal(2)
             correlated = _autoregress(fresh, last, self._correlation)
             self._unscaled = np.concatenate([self._unscaled, correlated])
-        errors: FloatArray = self._unscaled * self._deviations
-        return errors
+            self._errors = self._unscaled * self._deviations
+        return self._errors
 
 
 @njit(interpret_first=0.1)
