@@ -35,7 +35,7 @@ from pytest_benchmark.fixture import BenchmarkFixture
 from steady import Steady
 
 from frenetic.campaign import Budget, Campaign, CampaignStore, Test
-from frenetic.drivers import Planner
+from frenetic.drivers import Noisy, Planner
 from frenetic.oracle.outcome import Outcome
 from frenetic.oracle.verdict import Result, judge
 from frenetic.parts.registry import STRATEGIES
@@ -179,6 +179,12 @@ def test_drive(benchmark: BenchmarkFixture) -> None:
 def test_drive_in_python(benchmark: BenchmarkFixture) -> None:
     """Drive 250 m with README's driver in Python, which acts 20 times a second."""
     simulator, driver = EmbeddedSimulator(), Steady(STEADY_SPEED)
+    per_road(benchmark, lambda test: simulator.drive(test.road, driver), road_set(), rounds=3)
+
+
+def test_noisy_drive_in_python(benchmark: BenchmarkFixture) -> None:
+    """Drive as `test_drive_in_python` does, with errors about the driver's position."""
+    simulator, driver = EmbeddedSimulator(), Noisy(Steady(STEADY_SPEED))
     per_road(benchmark, lambda test: simulator.drive(test.road, driver), road_set(), rounds=3)
 
 
