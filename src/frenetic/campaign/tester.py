@@ -259,7 +259,7 @@ class RoadTester:
         """Return the attempt with the verdict on a drive."""
         path = drive.trajectory
         # A broken simulator's trajectory may hold numbers that cannot be stored.
-        is_storable = len(path) > 0 and bool(np.isfinite(path.to_rows()).all())
+        is_storable = len(path) > 0 and bool(np.isfinite(path.block).all())
         return Attempt(
             candidate_id,
             judge(road, drive),

@@ -184,9 +184,7 @@ def to_steps(trajectory: Trajectory) -> IntArray:
     count = len(trajectory)
     if count > MAX_RECORDS:
         raise ValueError(f"the trajectory has {count} records: at most {MAX_RECORDS} can be stored")
-    columns = np.empty((_COLUMN_COUNT, count))
-    for k, name in enumerate(RESOLUTIONS):
-        columns[k] = getattr(trajectory, name)
+    columns = trajectory.block
     steps = np.empty((_COLUMN_COUNT, count), np.int64)
     bad = round_columns(columns, _STEPS_PER_UNIT, _MOST_STEPS, steps)
     if bad >= 0:

@@ -186,14 +186,13 @@ def assess(road: Road, drive: Drive, *, has_all_shares: bool = True) -> Assessme
         parts = road, drive.rules, drive.car, drive.trajectory
         if drive.assessed.holds_for(*parts):
             return drive.assessed.assessment
-    t = drive.trajectory
     end, rows = _assess(
         road.table,
         road.sub_step,
         road.lane_width,
         rules_array(drive.rules, road.length),
         drive.car.to_array(),
-        np.column_stack([t.time, t.x, t.y, t.heading]),
+        drive.trajectory.block[: RECORD_HEADING + 1].T.copy(),
         has_all_shares,
     )
     return Assessment.of(road, end, rows)

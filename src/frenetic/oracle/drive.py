@@ -239,6 +239,13 @@ class Trajectory:
         return Trajectory, tuple(getattr(self, name) for name in self.names())
 
     @cached_property
+    def block(self) -> FloatArray:
+        """The columns as rows of one array, (11, n) in the order of `names()`; read-only."""
+        block = np.array([getattr(self, name) for name in self.names()])
+        block.setflags(write=False)
+        return block
+
+    @cached_property
     def lateral_acceleration(self) -> FloatArray:
         """Acceleration of the centre of mass across the car, (n,) in m/s^2, positive to the left.
 
@@ -254,12 +261,12 @@ class Trajectory:
     @classmethod
     def names(cls) -> tuple[str, ...]:
         """Return the columns' names, in order."""
-        return tuple(item.name for item in fields(cls))
+        return _COLUMNS
 
     @classmethod
     def from_rows(cls, rows: FloatArray) -> Trajectory:
         """Return a trajectory from an (n, 11) array with columns in the order of `names()`."""
-        return cls(*(rows[:, k] for k in range(rows.shape[1])))
+        return cls.of_block(np.array(rows.T, dtype=np.float64, order="C"))
 
     @classmethod
     def of_block(cls, block: FloatArray) -> Trajectory:
@@ -269,8 +276,7 @@ class Trajectory:
         """
         block.setflags(write=False)
         trajectory = object.__new__(cls)
-        for name, column in zip(cls.names(), block, strict=True):
-            object.__setattr__(trajectory, name, column)
+        vars(trajectory).update(zip(_COLUMNS, block, strict=True), block=block)
         return trajectory
 
     @classmethod
@@ -280,7 +286,10 @@ class Trajectory:
 
     def to_rows(self) -> FloatArray:
         """Return the records as an (n, 11) array in the order of `names()`."""
-        return np.column_stack([getattr(self, name) for name in self.names()])
+        return self.block.T.copy()
+
+
+_COLUMNS = tuple(item.name for item in fields(Trajectory))
 
 
 @dataclass(frozen=True, eq=False, repr=False)

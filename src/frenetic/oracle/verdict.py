@@ -17,7 +17,14 @@ from frenetic._support.bounds import Finite, NotNegative, Share
 from frenetic._support.words import rounded_seconds
 from frenetic.criteria.criterion import DRIVER, LANE, CriteriaSet, signal_named
 from frenetic.errors import Fault, FreneticError, Trouble
-from frenetic.oracle.assessment import LEFT_LANE, REACHED, STUCK, TIMED_OUT, assess
+from frenetic.oracle.assessment import (
+    LEFT_LANE,
+    REACHED,
+    RECORD_HEADING,
+    STUCK,
+    TIMED_OUT,
+    assess,
+)
 from frenetic.oracle.drive_assessment import Assessment
 from frenetic.oracle.outcome import Outcome
 from frenetic.oracle.signals import LocatedDrive, measure
@@ -167,7 +174,7 @@ def _unusable_record(drive: Drive) -> Result | None:
     if len(path) == 0 or (trouble is not None and not is_drivers(trouble.fault)):
         duration = float(path.time[-1]) if len(path) else 0.0
         return unusable_result(trouble or Trouble("The simulator recorded nothing"), duration)
-    if not all(np.isfinite(column).all() for column in (path.time, path.x, path.y, path.heading)):
+    if not np.isfinite(path.block[: RECORD_HEADING + 1]).all():
         return unusable_result(
             trouble or Trouble("The simulator recorded places that are no numbers")
         )
@@ -235,7 +242,7 @@ def _breaches(road: Road, drive: Drive, assessment: Assessment) -> list[Finding]
     """
     located = locate_drive(road, drive, assessment)
     path = located.path  # without records of the same time, so other indices than the assessment's
-    if not np.isfinite(path.to_rows()).all():
+    if not np.isfinite(path.block).all():
         raise FreneticError(
             "The simulator recorded values that are no numbers: they cannot be judged"
         )
