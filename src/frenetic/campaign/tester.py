@@ -28,6 +28,7 @@ from frenetic.parts.construction import Construction
 from frenetic.parts.registry import SIMULATORS
 from frenetic.processes.forks import one_process
 from frenetic.road import Road, Verdict, check_validity
+from frenetic.road.road import placed_road
 from frenetic.search.records import Candidate
 from frenetic.simulators.blame import trouble_of_error
 from frenetic.simulators.capabilities import capabilities, check_pair, check_road
@@ -310,6 +311,14 @@ def fitted(candidate: Candidate, terms: Terms) -> tuple[Road | None, Verdict]:
     points = candidate.points
     try:
         if points is None:
+            if terms.road_class is None and not candidate.has_profiles:
+                return placed_road(
+                    candidate.curvatures,
+                    candidate.step,
+                    terms.lane_width,
+                    terms.map_size,
+                    terms.map_margin,
+                )
             road = candidate.road(terms.lane_width, road_class=terms.road_class)
             return road.placed(terms.map_size, terms.map_margin, terms.road_class)
         verdict = check_validity(points, terms.map_size)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields
 from functools import cached_property, lru_cache, partial
 from typing import TYPE_CHECKING, Any
 
@@ -120,6 +120,11 @@ class Road:
             (profile.LIMITS, speed_limits, MAX_SPEED_LIMIT),
         ):
             object.__setattr__(self, name, profile.checked(pairs, name, most))
+        if len(self.widening) or len(self.speed_limits):
+            self._check_low_values()
+
+    def _check_low_values(self) -> None:
+        """Raise a `RoadError` if a widening is negative, or a speed limit too low."""
         for name, unit in (("widening", "m"), (profile.LIMITS, "km/h")):
             if (least := getattr(self, name)[:, 1].min(initial=0.0)) < 0.0:
                 raise RoadError(f"{name} is {least:g} {unit}: at least 0 is needed")
@@ -341,7 +346,17 @@ class Road:
         if motion.rotation == motion.dx == motion.dy == 0.0:
             return self
         pose = Pose(*motion.moved(*self.pose[:2]), self.pose.heading + motion.rotation)
-        return replace(self, pose=pose)
+        return self._moved_to(pose)
+
+    def _moved_to(self, pose: Pose) -> Road:
+        """Return this road with its first sample at another pose.
+
+        Raises:
+            RoadError: the pose is beyond 10000 km.
+        """
+        moved = object.__new__(Road)  # without a check of values that are checked already
+        vars(moved).update({name: getattr(self, name) for name in _VALUES}, pose=checked_pose(pose))
+        return moved
 
     def placed(
         self,
@@ -361,12 +376,12 @@ class Road:
             The fitted road, valid or not, and its verdict; None with an invalid verdict if no pose
             fits.
         """
-        has_profiles = any(len(getattr(self, name)) for name in profile.NAMES)
-        if road_class is None and self.pose == START and not has_profiles:
-            # A search and its campaign both place such a road.
-            shape = self.curvatures.tobytes(), self.step, self.lane_width
-            return _placed_cached(*shape, map_size, map_margin)
-        return _placed(self, map_size, map_margin, road_class)
+        fitted = self.fitted(map_size, map_margin)
+        if fitted is None:
+            return None, Verdict(
+                False, f"The road does not fit the map of {map_size:g} m in any direction"
+            )
+        return fitted, fitted.check_validity(map_size, road_class)
 
     def as_text(self) -> str:
         """Return length, least radius, and largest grade, superelevation and widening in words."""
@@ -415,28 +430,35 @@ class Road:
         return verdict and check_layout(self.road_points, map_size)
 
 
-def _placed(
-    road: Road, map_size: float, map_margin: float, road_class: RoadRules | None
-) -> tuple[Road | None, Verdict]:
-    """Return a road fitted into the map, and its verdict, see `Road.placed`."""
-    fitted = road.fitted(map_size, map_margin)
-    if fitted is None:
-        return None, Verdict(
-            False, f"The road does not fit the map of {map_size:g} m in any direction"
-        )
-    return fitted, fitted.check_validity(map_size, road_class)
+_VALUES = tuple(item.name for item in fields(Road))
 
 
-@lru_cache(maxsize=64)
-def _placed_cached(
-    curvatures: bytes, step: float, lane_width: float, map_size: float, map_margin: float
+def placed_road(
+    curvatures: npt.ArrayLike, step: float, lane_width: float, map_size: float, map_margin: float
 ) -> tuple[Road | None, Verdict]:
-    """Return the cached `_placed` of a road at `START` without profiles.
+    """Return the `Road.placed` of a road without profiles and class; the last roads are cached.
+
+    A search places a road to check it, and its campaign to drive it.
 
     Args:
-        curvatures: bytes of the road's curvatures, which can be a key of the cache.
-        step, lane_width: see `Road`.
+        curvatures, step, lane_width: see `Road`.
         map_size, map_margin: see `Road.placed`.
+
+    Raises:
+        RoadError: the curvatures make no road.
     """
-    road = Road(np.frombuffer(curvatures), step, lane_width=lane_width)
-    return _placed(road, map_size, map_margin, None)
+    values = np.asarray(curvatures, dtype=np.float64)
+    return _placed_road(values.tobytes(), values.shape, step, lane_width, map_size, map_margin)
+
+
+@lru_cache(maxsize=64)  # roads: more than a campaign has in flight (our choice)
+def _placed_road(
+    curvatures: bytes,
+    shape: tuple[int, ...],
+    step: float,
+    lane_width: float,
+    map_size: float,
+    map_margin: float,
+) -> tuple[Road | None, Verdict]:
+    road = Road(np.frombuffer(curvatures).reshape(shape), step, lane_width=lane_width)
+    return road.placed(map_size, map_margin)

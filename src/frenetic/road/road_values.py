@@ -85,10 +85,11 @@ def checked_curvatures(curvatures: npt.ArrayLike) -> FloatArray:
         raise RoadError(
             f"a road of {len(values)} curvature samples: 2 to {MAX_SAMPLES} are allowed"
         )
-    bad = np.flatnonzero(~(np.abs(values) <= MAX_CURVATURE))
-    if len(bad):
+    is_usual = np.abs(values) <= MAX_CURVATURE
+    if not is_usual.all():
+        bad = int(np.argmin(is_usual))
         raise RoadError(
-            f"curvature {bad[0]} is {values[bad[0]]:g} 1/m: every curvature must be a finite"
+            f"curvature {bad} is {values[bad]:g} 1/m: every curvature must be a finite"
             f" number, at most {MAX_CURVATURE:g} in either direction"
         )
     values.setflags(write=False)

@@ -11,7 +11,8 @@ from frenetic._support.arrays import FloatArray
 from frenetic.errors import RoadError
 from frenetic.road import MAP_MARGIN, Road
 from frenetic.road.classes import RoadClass
-from frenetic.road.validity import check_layout
+from frenetic.road.road import placed_road
+from frenetic.road.validity import LANE_WIDTH, check_layout
 
 _NUMBER = re.compile(r"\d+(?:\.\d+)?")
 
@@ -66,11 +67,12 @@ class MapCheck:
         if isinstance(self._is_valid, MapCheck):
             return self._is_valid.place(curvatures, step)
         try:
-            road = Road(curvatures, step)
             if self._road_class is None:
-                placed, verdict = road.placed(self._map_size, self._map_margin)
+                placed, verdict = placed_road(
+                    curvatures, step, LANE_WIDTH, self._map_size, self._map_margin
+                )
                 return placed, verdict.message
-            fitted = road.fitted(self._map_size, self._map_margin)
+            fitted = Road(curvatures, step).fitted(self._map_size, self._map_margin)
         except RoadError as error:
             return None, str(error)
         if fitted is None:

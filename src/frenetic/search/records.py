@@ -20,6 +20,10 @@ if TYPE_CHECKING:
     from frenetic.road.classes import RoadClass
 
 
+_PROFILES = ("superelevation", "grade", "widening", "speed_limits")
+"""Names of the profiles of a candidate, as `frenetic.road.profile.NAMES`."""
+
+
 @dataclass(frozen=True)
 class Origin:
     """How a candidate was made."""
@@ -88,7 +92,7 @@ class Candidate:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "curvatures", _read_only(self.curvatures))
-        for name in ("points", "superelevation", "grade", "widening", "speed_limits"):
+        for name in ("points", *_PROFILES):
             if (values := getattr(self, name)) is not None:
                 object.__setattr__(self, name, _read_only(values))
 
@@ -96,6 +100,11 @@ class Candidate:
     def length(self) -> float:
         """Length of the road, in m; 0 without curvatures."""
         return max(len(self.curvatures) - 1, 0) * self.step
+
+    @property
+    def has_profiles(self) -> bool:
+        """Whether the candidate has a profile, such as a grade."""
+        return any(getattr(self, name) is not None for name in _PROFILES)
 
     def road(
         self,
