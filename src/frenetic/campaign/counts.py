@@ -59,6 +59,10 @@ class Counts:
     """Number of repeats whose road was refused."""
 
     def __post_init__(self) -> None:
+        self.forget_roads()
+
+    def forget_roads(self) -> None:
+        """Forget which roads are counted, and which tests came first."""
         self._road_keys: set[int] = set()  # of the tests that were added
         self._first_tests = FirstTests()
 
@@ -82,9 +86,10 @@ class Counts:
         name = _OUTCOME_NAMES[outcome]
         setattr(self, name, getattr(self, name) + 1)
         if outcome.is_test:
-            self._road_keys.add(key_of(candidate))
+            road = key_of(candidate)
+            self._road_keys.add(road)
             self.roads = len(self._road_keys)
-            if not self._first_tests.add(candidate, outcome):
+            if not self._first_tests.add(candidate, outcome, road):
                 self.add_repeat(outcome)
         if moobd is not None:
             self.min_moobd = moobd if self.min_moobd is None else min(self.min_moobd, moobd)
@@ -182,10 +187,17 @@ class FirstTests:
     def __init__(self) -> None:
         self._keys: set[int] = set()
 
-    def add(self, candidate: Candidate, outcome: Outcome) -> bool:
-        """Add a test; return whether it repeats no earlier test. A dropped candidate never does."""
+    def add(self, candidate: Candidate, outcome: Outcome, road: int | None = None) -> bool:
+        """Add a test; return whether it repeats no earlier test. A dropped candidate never does.
+
+        Args:
+            candidate: the candidate.
+            outcome: outcome of its test.
+            road: `key_of` the candidate, if it is known already.
+        """
+        road = key_of(candidate) if road is None else road
         profiles = [_bytes_of(getattr(candidate, name)) for name in profile.NAMES]
-        return self.add_key(outcome, key_of(candidate), candidate.conditions, profiles)
+        return self.add_key(outcome, road, candidate.conditions, profiles)
 
     def add_key(
         self,

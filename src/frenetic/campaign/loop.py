@@ -344,12 +344,10 @@ class Dispatcher:
         )
         if self._observing is not None:
             self._observing.observe(attempt)
-        driven = replace(test, trajectory=attempt.stored_trajectory())
-        evaluation = evaluation_of(driven, lambda: driven.trajectory, self._plan.objective)
+        evaluation = evaluation_of(test, lambda: test.trajectory, self._plan.objective)
         if evaluation.objective is not None:
-            value = self._plan.objective.value_of(evaluation)
-            test, driven = replace(test, objective=value), replace(driven, objective=value)
-        self._store.add_result(driven, attempt.packed)
+            test = replace(test, objective=self._plan.objective.value_of(evaluation))
+        self._store.add_result(test, attempt.packed)
         if self._second_drive is not None:
             self._second_drive.note_test(test)
         del self._outstanding[candidate.id]

@@ -57,6 +57,8 @@ class Attempt:
     """Spent share of the budget that a client reports; None if the campaign counts."""
     rounded_trajectory: Trajectory | None = field(default=None, compare=False)
     """`stored_trajectory`, if it is known already."""
+    road: Road | None = field(default=None, compare=False)
+    """Road that was driven; None if nothing was driven, or if another process drove."""
 
     @classmethod
     def undriven(
@@ -167,14 +169,15 @@ class Test(NotebookRepr):
         finished_at: str = "",
         setting: DriveSetting | None = None,
     ) -> Self:
-        """Return the test of a candidate whose attempt counts, without the trajectory."""
-        return cls(
+        """Return the test of a candidate whose attempt counts, as it will be stored."""
+        test = cls(
             candidate=candidate,
             result=attempt.result,
             result_number=result_number,
             budget_spent=budget_spent,
             reported_share=attempt.reported_share,
             pose=attempt.pose,
+            trajectory=attempt.stored_trajectory(),
             records=attempt.records,
             worker=attempt.worker,
             seconds=attempt.seconds,
@@ -183,6 +186,9 @@ class Test(NotebookRepr):
             finished_at=finished_at,
             setting=setting,
         )
+        if attempt.road is not None and candidate.points is None:
+            vars(test)["road"] = attempt.road  # the road of the same values
+        return test
 
     @property
     def id(self) -> int:

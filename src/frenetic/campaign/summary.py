@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import asdict, dataclass, field, replace
+from copy import copy
+from dataclasses import asdict, dataclass, field
 from functools import cached_property
 from pathlib import Path
 from typing import Any, Final, Literal, Self, TypeAlias
@@ -95,7 +96,10 @@ class Summary(Counts):
         Args:
             seconds: wall time since the start, in s.
         """
-        return replace(self, seconds=seconds)
+        snapshot = copy(self)
+        snapshot.forget_roads()
+        snapshot.seconds = seconds
+        return snapshot
 
     def update_budget_spent(
         self, budget: Budget, seconds: float, reported_share: float | None = None

@@ -234,7 +234,8 @@ class RoadTester:
         """
         start = time.perf_counter()
         attempt = self.test(candidate).pack(keep_exact=keep_exact)
-        return replace(attempt, worker=worker, seconds=time.perf_counter() - start)
+        seconds = time.perf_counter() - start
+        return replace(attempt, worker=worker, seconds=seconds, road=None)
 
     def drive(self, road: Road, conditions: Mapping[str, float] = MappingProxyType({})) -> Drive:
         """Drive a road in conditions; if the simulator raises, the drive has a trouble."""
@@ -269,6 +270,7 @@ class RoadTester:
             simulator_broke=simulator_broke,
             trouble=drive.trouble,
             driver_seconds=drive.driver_seconds,
+            road=road,
         )
 
     def _drive(self, road: Road, driver: Driver) -> tuple[Drive, bool]:
