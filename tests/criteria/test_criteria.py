@@ -34,7 +34,8 @@ from frenetic.errors import Fault, FreneticError, Trouble
 from frenetic.oracle.drive import CarBody, Drive, Rules, Trajectory
 from frenetic.oracle.measures import measure_criteria, measures_json
 from frenetic.oracle.outcome import Outcome
-from frenetic.oracle.signals import LocatedDrive, mean, rate, spread, worst
+from frenetic.oracle.rates import rate
+from frenetic.oracle.signals import LocatedDrive, mean, spread, worst
 from frenetic.oracle.verdict import judge, locate_drive
 from frenetic.road import Road
 from frenetic.search import RandomSearch

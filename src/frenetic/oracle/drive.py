@@ -251,10 +251,11 @@ class Trajectory:
 
         The sum of yaw rate times speed and the change of the lateral speed.
         """
-        change = (
-            np.gradient(self.lateral_speed, self.time) if len(self) > 1 else np.zeros(len(self))
-        )
-        acceleration: FloatArray = self.yaw_rate * self.speed + change
+        from frenetic.oracle.rates import rate  # numba takes its time
+
+        acceleration = self.yaw_rate * self.speed
+        if len(self) > 1:
+            acceleration += rate(self.time, self.lateral_speed, 0.0)
         acceleration.setflags(write=False)
         return acceleration
 

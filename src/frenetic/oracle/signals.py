@@ -1,9 +1,8 @@
 """The signals that criteria limit: their values at each record, and the worst value of a drive.
 
-A signal's value at a record is averaged over a window, the last seconds before the record. Without
-a window, derivatives come from ``np.gradient``; the mean of a derivative over a window is the
-difference between the values at the window's ends, divided by the window. A record whose window
-begins before the drive has no value (NaN).
+A signal's value at a record is averaged over a window, the last seconds before the record; the mean
+of a derivative over a window is the difference between the values at the window's ends, divided by
+the window. A record whose window begins before the drive has no value (NaN).
 """
 
 from __future__ import annotations
@@ -22,6 +21,7 @@ from frenetic._support.compiled import njit
 from frenetic.criteria.criterion import EDGE_DISTANCE, Criterion, signal_named
 from frenetic.errors import FreneticError
 from frenetic.oracle.drive import CarBody, Drive, Rules, Trajectory
+from frenetic.oracle.rates import TIME_ROUNDING, rate
 from frenetic.road import Road
 from frenetic.road.geometry import project_near, reach_of
 from frenetic.road.profile import steps_at, value_at
@@ -30,8 +30,6 @@ _POINTS_PER_SIDE: Final = 9
 """Number of points on each side of the car whose distances from the lane's edges count; our
 choice."""
 _STANDSTILL_SPEED: Final = 0.1  # [m/s] a slower car stands still; our choice
-_TIME_ROUNDING: Final = 1e-9
-"""Time by which a window may begin before the drive, in s; our choice."""
 
 _Series: TypeAlias = Callable[["LocatedDrive", float], FloatArray]
 """Function that returns a signal's values, (n,), in a drive, for a window in s."""
@@ -64,9 +62,9 @@ class LocatedDrive:
             offset: distance left of the ego lane's centre line, (n,) in m.
         """
         n, path = len(distance), drive.trajectory
-        is_later = np.ones(n, dtype=bool)
-        is_later[1:] = path.time[1:n] > path.time[: n - 1] if n else False
-        if n < len(path) or not is_later.all():
+        if n < len(path) or not (path.time[1:] > path.time[:-1]).all():
+            is_later = np.ones(n, dtype=bool)
+            is_later[1:] = path.time[1:n] > path.time[: n - 1] if n else False
             path = Trajectory.from_rows(path.to_rows()[:n][is_later])
             distance, offset = distance[is_later], offset[is_later]
         return cls(road, path, drive.car, drive.rules, distance, offset)
@@ -138,34 +136,18 @@ def mean(time: FloatArray, values: FloatArray, window: float) -> FloatArray:
     return means
 
 
-def rate(time: FloatArray, values: FloatArray, window: float) -> FloatArray:
-    """Return the mean change of values per s over the window that ends at each record, (n,).
-
-    NaN where the window begins before the drive, or with one record. Without a window, the
-    derivative at the record.
-    """
-    if len(time) < 2:
-        return np.full(len(time), np.nan)
-    if window == 0.0:
-        gradient: FloatArray = np.gradient(values, time)
-        return gradient
-    change = (values - np.interp(time - window, time, values)) / window
-    mean_change: FloatArray = np.where(_is_window_whole(time, window), change, np.nan)
-    return mean_change
-
-
 def spread(time: FloatArray, values: FloatArray, window: float) -> FloatArray:
     """Return the largest minus the least value in the window that ends at each record, (n,).
 
     A window that begins before the drive is cut.
     """
-    first = np.searchsorted(time, time - window - _TIME_ROUNDING)
+    first = np.searchsorted(time, time - window - TIME_ROUNDING)
     return np.array([np.ptp(values[k : i + 1]) for i, k in enumerate(first)], dtype=np.float64)
 
 
 def _is_window_whole(time: FloatArray, window: float) -> npt.NDArray[np.bool_]:
     """Return whether the window that ends at each record lies within the drive, (n,)."""
-    is_whole: npt.NDArray[np.bool_] = time - window >= time[0] - _TIME_ROUNDING
+    is_whole: npt.NDArray[np.bool_] = time - window >= time[0] - TIME_ROUNDING
     return is_whole
 
 
@@ -175,7 +157,9 @@ def _is_window_whole(time: FloatArray, window: float) -> npt.NDArray[np.bool_]:
 def _acceleration_along_car(located: LocatedDrive) -> FloatArray:
     """Return the acceleration of the centre of mass along the car, (n,) in m/s²."""
     path = located.path
-    return rate(path.time, path.speed, 0.0) - path.lateral_speed * path.yaw_rate
+    acceleration = rate(path.time, path.speed, 0.0) - path.lateral_speed * path.yaw_rate
+    acceleration.setflags(write=False)  # as columns: `rate` is compiled for such arrays
+    return acceleration
 
 
 def _speed_excess(located: LocatedDrive, window: float) -> FloatArray:

@@ -181,6 +181,13 @@ class Road:
         return (len(self.curvatures) - 1) * self.step
 
     @cached_property
+    def stations(self) -> FloatArray:
+        """Distances of the curvature samples along the road, (N,) in m."""
+        stations: FloatArray = np.arange(len(self.curvatures)) * self.step
+        stations.setflags(write=False)
+        return stations
+
+    @cached_property
     def sub_step(self) -> float:
         """Distance between two rows of `table`, in m."""
         return self.step / geometry.sub_steps(self.curvatures, self.step)
@@ -311,10 +318,8 @@ class Road:
 
     def curvature_at(self, distances: npt.ArrayLike) -> FloatArray:
         """Return curvatures in 1/m at ``distances`` (any shape) in m; 0 beyond the road's ends."""
-        stations = np.arange(len(self.curvatures)) * self.step
-        values: FloatArray = np.interp(
-            np.asarray(distances, dtype=np.float64), stations, self.curvatures, left=0.0, right=0.0
-        )
+        places = np.asarray(distances, dtype=np.float64)
+        values: FloatArray = np.interp(places, self.stations, self.curvatures, left=0.0, right=0.0)
         return values
 
     def track(self, path: npt.ArrayLike) -> FloatArray:

@@ -76,7 +76,9 @@ def find_bends(
         first, last = last, last + len(list(pieces))
         if side == 0.0:
             continue
-        turn = float(np.sum([means[i] * (s[i + 1] - s[i]) for i in range(first, last)]))
+        turn = 0.0
+        for i in range(first, last):
+            turn += means[i] * (s[i + 1] - s[i])
         # A rounding error must not decide on a bend of exactly the least turn.
         if abs(turn) >= least_turn - _ROUNDING:
             sharpest = max(map(abs, kappa[first : last + 1]))

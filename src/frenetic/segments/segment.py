@@ -69,9 +69,12 @@ class Segment:
     @cached_property
     def curvature_samples(self) -> tuple[FloatArray, FloatArray]:
         """Distances, (k,) in m, and curvatures, (k,) in 1/m: both ends and the samples between."""
-        places = np.arange(len(self.road.curvatures)) * self.road.step
-        inside = places[(places > self.start) & (places < self.end)]
-        distances = np.concatenate([[self.start], inside, [self.end]])
+        stations = self.road.stations
+        first = int(np.searchsorted(stations, self.start, "right"))
+        last = max(int(np.searchsorted(stations, self.end)), first)
+        distances = np.empty(last - first + 2)
+        distances[0], distances[-1] = self.start, self.end
+        distances[1:-1] = stations[first:last]
         return distances, self.road.curvature_at(distances)
 
     @cached_property
