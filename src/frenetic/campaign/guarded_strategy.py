@@ -45,7 +45,8 @@ _used: Final[WeakValueDictionary[int, Strategy]] = WeakValueDictionary()
 
 
 def _mark_used(strategy: Strategy) -> None:
-    _used[id(strategy)] = strategy
+    if _used.get(id(strategy)) is not strategy:
+        _used[id(strategy)] = strategy
 
 
 def require_fresh(strategy: Strategy) -> None:
@@ -149,6 +150,8 @@ def _unusable_part(candidate: Any) -> str:
         return f"the parents {short_repr(origin.parents)}: a tuple of ids is needed"
     if not _is_whole(origin.generation, 0):
         return f"the generation {short_repr(origin.generation)}: a whole number from 0 is needed"
+    if isinstance(candidate.notes, dict) and not candidate.notes:
+        return ""
     try:
         read_json(json.dumps(dict(candidate.notes), default=plain, allow_nan=False))
     except (TypeError, ValueError, RecursionError):

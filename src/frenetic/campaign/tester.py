@@ -181,7 +181,8 @@ class RoadTester:
             if road is None or not verdict.valid:
                 attempts[candidate.id] = self._refusal(candidate, road, verdict)
                 continue
-            check_conditions(candidate.conditions)
+            if candidate.conditions:
+                check_conditions(candidate.conditions)
             driven.append(candidate)
             roads.append(road)
         conditions = [candidate.conditions for candidate in driven]

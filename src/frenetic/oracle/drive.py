@@ -109,11 +109,11 @@ class Rules:
         Each limit holds from its station on, the first from 0 m. Stations beyond the road's end are
         left out.
         """
-        from frenetic.road.profile import LIMITS, merged, piece_of  # numba takes its time
-
         limits = road.speed_limits
         if self.road_limits == "ignored" or limits is None or not len(limits):
             return np.array([[0.0, self.speed_limit]])
+        from frenetic.road.profile import LIMITS, merged, piece_of  # numba takes its time
+
         stations, values = piece_of(LIMITS, limits, 0.0, road.length).T
         values = np.where(values > 0.0, values, self.scaled_from or self.speed_limit)
         if self.road_limits == "scaled":

@@ -155,7 +155,7 @@ def judge(road: Road, drive: Drive) -> Result:
         findings = tuple(sorted((*breaches, *findings), key=lambda finding: finding.time))
         if breaches and outcome is Outcome.PASS:
             outcome, reason = Outcome.FAIL, breach_text(breaches, drive.rules.criteria)
-    least = int(np.argmin(assessment.oob_distance))
+    least = int(assessment.oob_distance.argmin())
     return Result(
         outcome,
         reason,

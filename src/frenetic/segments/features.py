@@ -101,7 +101,7 @@ def features_of(segment: Segment) -> Features:
         "std_speed": std_speed,
         "std_steering": _mean_and_deviation(segment.steering)[1],
         "mean_offset": float(np.add.reduce(offset) / len(offset)),
-        "extreme_offset": float(offset[np.argmax(np.abs(offset))]),
+        "extreme_offset": float(offset[np.abs(offset).argmax()]),
         **_worst_values(segment),
     }
 

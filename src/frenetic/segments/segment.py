@@ -116,14 +116,13 @@ def segment_of(road: Road, drive: Drive, finding: Finding | None) -> Segment:
         record = int(np.argmin(np.abs(drive.trajectory.time[:n] - finding.time)))
         place = finding.distance
     else:
-        record = int(np.argmin(assessment.oob_distance))
+        record = int(assessment.oob_distance.argmin())
         place = float(assessment.distance[record])
     place = min(max(place, 0.0), road.length)
     start, end = max(place - REACH, 0.0), min(place + REACH, road.length)
     # A record beyond the road's end belongs to the segment that reaches that end.
-    along = np.clip(assessment.distance, 0.0, road.length)
-    before_entry = np.flatnonzero(along[:record] < start)
-    after_exit = np.flatnonzero(along[record + 1 :] > end)
+    along = assessment.distance.clip(0.0, road.length)
+    is_before, is_after = along[:record] < start, along[record + 1 :] > end
     return Segment(
         road=road,
         drive=drive,
@@ -133,6 +132,6 @@ def segment_of(road: Road, drive: Drive, finding: Finding | None) -> Segment:
         start=start,
         end=end,
         assessment=assessment,
-        first=int(before_entry[-1]) + 1 if len(before_entry) else 0,
-        last=record + 1 + int(after_exit[0]) if len(after_exit) else n,
+        first=record - int(is_before[::-1].argmax()) if is_before.any() else 0,
+        last=record + 1 + int(is_after.argmax()) if is_after.any() else n,
     )

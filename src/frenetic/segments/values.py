@@ -72,7 +72,7 @@ class SegmentValues:
             cause=None if has_passed or result.fault is not None else cause_of(segment),
             features=features_of(segment),
             # The car starts at rest: the slowest speed counts once it has half the largest.
-            slowest=float(speed[int(np.argmax(speed >= 0.5 * fastest)) :].min()),
+            slowest=float(speed[(speed >= 0.5 * fastest).argmax() :].min()),
             fastest=fastest,
             approach=np.concatenate((points.ravel(), *states_before(trace, place))),
         )
