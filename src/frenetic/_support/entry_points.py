@@ -10,7 +10,10 @@ import sys
 from dataclasses import dataclass
 from functools import cache
 from importlib import import_module
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from importlib.metadata import EntryPoints
 
 
 @dataclass(frozen=True)
@@ -28,15 +31,21 @@ class RegisteredPart:
 
 
 @cache
-def _installed(group: str, path: tuple[str, ...]) -> tuple[RegisteredPart, ...]:  # noqa: ARG001
-    """Return the parts that packages on the module path have installed, in alphabetical order."""
+def _entry_points(path: tuple[str, ...]) -> EntryPoints:  # noqa: ARG001
+    """Return the entry points of all packages on the module path, which takes time to read."""
     from importlib.metadata import entry_points  # imports slowly
 
+    return entry_points()
+
+
+@cache
+def _installed(group: str, path: tuple[str, ...]) -> tuple[RegisteredPart, ...]:
+    """Return the parts that packages on the module path have installed, in alphabetical order."""
     return tuple(
         RegisteredPart(
             point.name, point.value, point.dist.name if point.dist is not None else "unknown"
         )
-        for point in sorted(entry_points(group=group), key=lambda p: p.name)
+        for point in sorted(_entry_points(path).select(group=group), key=lambda p: p.name)
     )
 
 

@@ -87,6 +87,10 @@ class Finding:
         """
         return cls(LANE, oob_share, oob_share, side, time, distance, x, y)
 
+    def as_json(self) -> dict[str, Any]:
+        """Return the fields, for JSON."""
+        return asdict(self) | {"time": rounded_seconds(self.time)}
+
 
 @dataclass(frozen=True)
 class Result:
@@ -121,9 +125,7 @@ class Result:
 
     def as_json(self) -> dict[str, Any]:
         """Return the fields, for JSON."""
-        findings = [
-            asdict(finding) | {"time": rounded_seconds(finding.time)} for finding in self.findings
-        ]
+        findings = [finding.as_json() for finding in self.findings]
         return asdict(self) | {"duration": rounded_seconds(self.duration), "findings": findings}
 
 

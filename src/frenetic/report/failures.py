@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import asdict
 from itertools import islice
 from pathlib import Path
 from types import MappingProxyType
@@ -52,8 +51,8 @@ def verdict_entries(result: Result) -> dict[str, Any]:
         "moobd": result.moobd,
         "max_oob_share": result.max_oob_share,
         "duration": rounded_seconds(result.duration),
-        "departure": departure and asdict(departure) | {"time": rounded_seconds(departure.time)},
-        "findings": result.as_json()["findings"],
+        "departure": departure and departure.as_json(),
+        "findings": [finding.as_json() for finding in result.findings],
     }
 
 

@@ -35,8 +35,11 @@ def minimised_drives(store: CampaignStore, test_ids: Iterable[int]) -> dict[int,
     """
     drives = {}
     for test_id in test_ids:
+        path = minimised_road(store.folder, test_id)
+        if not path.is_file():
+            continue
         try:
-            record = read_road(minimised_road(store.folder, test_id)).entries["minimised"]
+            record = read_road(path).entries["minimised"]
             folder, number = record["campaign"], record["test"]
             if not str(folder).isalnum():  # a path could lead out of the campaign's folder
                 continue

@@ -214,6 +214,8 @@ class Spec(RunCode, frozen=True, kw_only=True):
 
     def in_conditions(self, conditions: Mapping[str, float]) -> Spec:
         """Return the spec with further conditions; its signature is kept, see `Signed`."""
+        if not conditions and not self.conditions:
+            return self
         # In files the attribute `conditions` is named "with", like the option --with.
         spec = Spec.of(self, {"with": dict(conditions)})
         # `of` removes the signature, which still holds, because conditions name no code.

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from itertools import chain
 from pathlib import Path
 from typing import Any, Final
 
@@ -51,6 +52,8 @@ FILMS_SIZE: Final = 3_000_000
 """Largest number of bytes of all films of a page; our choice."""
 REPORT: Final = "report.html"
 """Name of the report in a campaign's folder."""
+_BATCH: Final = 20
+"""Number of tests that are read at once, with their trajectories; our choice."""
 _HEAD_SIZE: Final = 1024
 """Bytes at a report's beginning that hold the time at which its campaign ended."""
 
@@ -172,15 +175,16 @@ def _drives(store: CampaignStore, shown: Sequence[int]) -> list[dict[str, Any]]:
     film_functions: list[Callable[[Test], Film | None]] = [
         imported(entry.target)(store.config) for entry in installed(FILMS)
     ]
-    for test_id in shown:
+    batches = (shown[i : i + _BATCH] for i in range(0, len(shown), _BATCH))
+    records = (store.tests_with_ids(batch, with_trajectory=True) for batch in batches)
+    for record in chain.from_iterable(records):
         if drive_bytes_left <= 0:
             break
-        (record,) = store.tests_with_ids([test_id], with_trajectory=True)
         if (segment := record.segment) is None:
             continue
         origin, failure = record.candidate.origin, Failure.of_driven(record)
-        data = drive_data(test_id, record.result, segment, origin, failure)
-        data |= files_of(test_id, store)
+        data = drive_data(record.id, record.result, segment, origin, failure)
+        data |= files_of(record.id, store)
         if conditions := as_text(record.candidate.conditions):
             data["reason"] += f"; {conditions}"
         drive_bytes_left -= len(encode(data))

@@ -45,6 +45,7 @@ COLUMNS: Final[Mapping[str, float]] = {
     "brake": 0.01,  # [0..1]
 }
 """Column of a drive -> resolution of its numbers, in the order of the columns."""
+_RESOLUTIONS: Final = np.array([*COLUMNS.values()])[:, np.newaxis]
 
 
 @dataclass(frozen=True, slots=True)
@@ -240,12 +241,12 @@ def drive_columns(trajectory: Trajectory, assessment: Assessment) -> list[list[i
     """
     n = len(assessment.distance)
     shown = _shown_records(trajectory.time[:n], int(np.argmin(assessment.oob_distance)))
-    columns = []
-    for name, resolution in COLUMNS.items():
-        source = trajectory if hasattr(trajectory, name) else assessment
-        values: FloatArray = getattr(source, name)
-        multiples = np.rint(values[:n][shown] / resolution).astype(np.int64)
-        columns.append(np.diff(multiples, n=2, prepend=[0, 0]).tolist())
+    sources = [trajectory if hasattr(trajectory, name) else assessment for name in COLUMNS]
+    named = zip(sources, COLUMNS, strict=True)
+    values = np.array([getattr(source, name)[:n][shown] for source, name in named])
+    multiples = np.rint(values / _RESOLUTIONS).astype(np.int64)
+    before = np.zeros((len(COLUMNS), 2), np.int64)
+    columns: list[list[int]] = np.diff(multiples, n=2, prepend=before).tolist()
     return columns
 
 
