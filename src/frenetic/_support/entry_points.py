@@ -7,6 +7,7 @@ The help of the commands reads entry points, too, so this module imports less th
 from __future__ import annotations
 
 import sys
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
 from importlib import import_module
@@ -31,11 +32,11 @@ class RegisteredPart:
 
 
 @cache
-def _entry_points(path: tuple[str, ...]) -> EntryPoints:  # noqa: ARG001
-    """Return the entry points of all packages on the module path, which takes time to read."""
+def _select_from(path: tuple[str, ...]) -> Callable[..., EntryPoints]:  # noqa: ARG001
+    """Return the function that selects entry points of the packages on the module path."""
     from importlib.metadata import entry_points  # imports slowly
 
-    return entry_points()
+    return entry_points().select
 
 
 @cache
@@ -45,7 +46,7 @@ def _installed(group: str, path: tuple[str, ...]) -> tuple[RegisteredPart, ...]:
         RegisteredPart(
             point.name, point.value, point.dist.name if point.dist is not None else "unknown"
         )
-        for point in sorted(_entry_points(path).select(group=group), key=lambda p: p.name)
+        for point in sorted(_select_from(path)(group=group), key=lambda p: p.name)
     )
 
 

@@ -52,7 +52,7 @@ def rate(time: FloatArray, values: FloatArray, window: float) -> FloatArray:
 def _write_derivative(time: FloatArray, values: FloatArray, rates: FloatArray) -> None:
     """Write the derivative of values, (n,), n >= 2: of second order, at both ends of first order.
 
-    The sums are those of ``np.gradient``, which rounds otherwise where all steps are equal.
+    The terms are added as in ``np.gradient``, which has other terms where all steps are equal.
     """
     last = len(time) - 1
     step = time[1] - time[0]

@@ -183,7 +183,7 @@ class Road:
     @cached_property
     def stations(self) -> FloatArray:
         """Distances of the curvature samples along the road, (N,) in m."""
-        stations: FloatArray = np.arange(len(self.curvatures)) * self.step
+        stations = np.arange(len(self.curvatures), dtype=np.float64) * self.step
         stations.setflags(write=False)
         return stations
 
