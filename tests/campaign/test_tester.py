@@ -17,7 +17,7 @@ from pids import LIMIT
 from user_modules import own_modules
 
 from frenetic.campaign import Campaign, CampaignStore, RoadTester
-from frenetic.campaign.record import Attempt
+from frenetic.campaign.record import Attempt, Test
 from frenetic.campaign.workers import DriveProcess
 from frenetic.drivers import Delayed, Driver, Planner
 from frenetic.oracle.outcome import Outcome
@@ -77,6 +77,24 @@ def test_a_road_is_driven_where_it_fits_the_map() -> None:
     points = attempt_at(through((20.0, 30.0), (60.0, 30.0), (120.0, 30.0)))
     assert points.result.outcome is Outcome.PASS
     assert points.pose == pytest.approx((20.0, 30.0, 0.0), abs=1e-6)  # points are not moved
+
+
+def test_a_test_has_the_road_that_was_driven() -> None:
+    tester = RoadTester(EmbeddedSimulator(), Planner())
+    points = np.array([(20.0, 20.0), (60.0, 40.0), (120.0, 60.0)])
+    through_points = Road.from_points(points)
+    values = through_points.curvatures, through_points.step
+    for candidate in (curved(*[0.01] * 12), Candidate(1, *values, Origin("generator"), points)):
+        (attempt,) = tester.test_many([candidate])
+        assert attempt.road is not None
+        road = Test.of(
+            candidate, attempt, result_number=1, budget_spent=0.0, setting=tester.setting
+        ).road
+        stored = candidate.road(tester.terms.lane_width, attempt.pose)
+        np.testing.assert_array_equal(road.table, stored.table)
+        # Points describe the road that is driven; its test's road follows from the curvatures.
+        assert (road is attempt.road) == (candidate.points is None)
+    assert tester.attempt(candidate).road is None  # it may cross to another process
 
 
 def test_conditions_of_a_candidate_hold_for_its_drive_only() -> None:

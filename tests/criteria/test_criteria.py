@@ -228,6 +228,24 @@ def test_the_mean_rate_is_the_difference_of_the_windows_ends(
     np.testing.assert_array_equal(rate(time, column, 0.0), np.gradient(column, time))
 
 
+@given(
+    st.lists(st.tuples(st.floats(-50.0, 50.0), st.sampled_from([0.01, 0.05, 0.3])), min_size=1),
+    st.sampled_from([0.03, 0.05, 0.5]),
+)
+def test_rates_are_those_of_numpy_to_the_last_bit(
+    records: list[tuple[float, float]], window: float
+) -> None:
+    values, steps = np.array(records).T.copy()
+    time = np.cumsum(steps)
+    if len(time) > 1:
+        np.testing.assert_array_equal(rate(time, values, 0.0), np.gradient(values, time))
+    change = (values - np.interp(time - window, time, values)) / window
+    expected = np.where(time - window >= time[0] - 1e-9, change, np.nan)
+    if len(time) == 1:
+        expected = np.array([np.nan])
+    np.testing.assert_array_equal(rate(time, values, window), expected)
+
+
 def test_a_window_between_two_records_is_interpolated() -> None:
     time = np.array([0.0, 0.1, 0.3, 0.35, 0.6, 1.0])
     assert mean(time, 2.0 * time, 0.5)[4:] == pytest.approx([0.7, 1.5])

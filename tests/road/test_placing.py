@@ -14,7 +14,9 @@ from hypothesis import strategies as st
 from scipy.spatial.distance import pdist
 
 from frenetic.errors import RoadError
+from frenetic.road import LANE_WIDTH, Road
 from frenetic.road.placing import RigidMotion, fit_to_map
+from frenetic.road.road import placed_road
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -143,3 +145,27 @@ def test_any_points_fit_or_are_too_large(points: list[tuple[float, float]]) -> N
     else:
         assert_within_margins(motion.apply(line))
         assert fit_to_map(motion.apply(line), map_margin=MAP_MARGIN - 1e-9) == STAY
+
+
+def test_a_placed_road_is_the_road_of_its_values() -> None:
+    for curvatures in (np.full(12, 0.03), np.zeros(12, np.int64), np.full(30, 0.0)):
+        road, verdict = placed_road(curvatures, 10.0, LANE_WIDTH, MAP, MAP_MARGIN)
+        expected, expected_verdict = Road(curvatures).placed(MAP, MAP_MARGIN)
+        assert verdict == expected_verdict
+        if road is None:
+            assert expected is None
+            continue
+        assert expected is not None
+        assert road.pose == expected.pose
+        rebuilt = Road(curvatures, 10.0, road.pose)
+        for name in ("curvatures", "table", "road_points", "stations"):
+            values = getattr(road, name)
+            np.testing.assert_array_equal(values, getattr(rebuilt, name))
+            assert not values.flags.writeable
+
+
+@pytest.mark.parametrize("curvatures", [np.zeros((2, 6)), np.zeros(1), np.full(12, np.nan)])
+def test_values_that_are_no_road_are_not_placed(curvatures: FloatArray) -> None:
+    placed_road(np.zeros(12), 10.0, LANE_WIDTH, MAP, MAP_MARGIN)  # the same bytes as a road
+    with pytest.raises(RoadError, match="curvature"):
+        placed_road(curvatures, 10.0, LANE_WIDTH, MAP, MAP_MARGIN)

@@ -1,4 +1,4 @@
-"""The lateral acceleration, which a trajectory computes from its columns."""
+"""Trajectories: their columns, and the lateral acceleration that follows from them."""
 
 from __future__ import annotations
 
@@ -40,3 +40,20 @@ def test_the_acceleration_follows_from_the_positions() -> None:
 def test_a_drive_of_no_or_one_record_has_an_acceleration(records: int) -> None:
     path = Trajectory.from_rows(np.zeros((records, len(Trajectory.names()))))
     assert path.lateral_acceleration.shape == (records,)
+
+
+def test_a_trajectory_has_the_same_columns_however_it_is_made() -> None:
+    rows = np.random.default_rng(3).normal(size=(7, len(Trajectory.names())))
+    of_rows = Trajectory.from_rows(rows)
+    of_columns = Trajectory(*rows.T)
+    rows_before = rows.copy()
+    rows[:] = 0.0  # a trajectory holds copies
+    for path in (of_rows, of_columns, Trajectory.of_block(rows_before.T.copy())):
+        np.testing.assert_array_equal(path.to_rows(), rows_before)
+        np.testing.assert_array_equal(path.block, rows_before.T)
+        for name, column in zip(Trajectory.names(), rows_before.T, strict=True):
+            np.testing.assert_array_equal(getattr(path, name), column)
+            assert not getattr(path, name).flags.writeable
+        assert not path.block.flags.writeable
+        path.to_rows()[:] = 0.0  # a copy, too
+        np.testing.assert_array_equal(path.x, rows_before[:, 1])
