@@ -14,7 +14,7 @@ TIME_ROUNDING: Final = 1e-9
 """Time by which a window may begin before the drive, in s; our choice."""
 
 
-@njit(error_model="numpy")
+@njit(error_model="numpy", interpret_first=0.5)
 def rate(time: FloatArray, values: FloatArray, window: float) -> FloatArray:
     """Return the mean change of values per s over the window that ends at each record, (n,).
 
