@@ -7,6 +7,7 @@ import shutil
 from collections.abc import Callable
 from dataclasses import replace
 from datetime import datetime
+from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -58,6 +59,7 @@ def expected(test: Test) -> dict[str, Any]:
         "generation": candidate.origin.generation,
         "length": (len(curvatures) - 1) * candidate.step,
         "max_curvature": max(map(abs, curvatures)),
+        "largest_change": max(abs(b - a) for a, b in pairwise([0.0, *curvatures])),
         "curvatures": curvatures,
         "step": candidate.step,
         "x": x,

@@ -302,3 +302,13 @@ def test_bad_values_are_refused_by_name(values: Any, options: dict[str, Any], me
 def test_sampled_points_lie_at_the_offset_to_the_left() -> None:
     points = Road([0.0, 0.0], pose=(0.0, 0.0, 0.0)).sample(10.0, 3.0)
     assert points == pytest.approx(np.array([[0.0, 3.0], [10.0, 3.0]]))
+
+
+def test_a_road_that_bends_fast_says_so() -> None:
+    usual, fast = Road([0.05, 0.0, -0.05], 10.0), Road([0.0, 0.03, -0.06, 0.0], 10.0)
+    assert usual.largest_change == pytest.approx(0.05)
+    assert "bends fast" not in usual.as_text()
+    assert fast.largest_change == pytest.approx(0.09)
+    assert "bends fast: by 0.09 1/m in 10 m (usually at most 0.05)" in fast.as_text()
+    finer = Road(np.interp(np.arange(0.0, 31.0, 2.0), [0, 10, 20, 30], fast.curvatures), 2.0)
+    assert finer.largest_change == pytest.approx(0.09)

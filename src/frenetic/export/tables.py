@@ -51,7 +51,7 @@ _DEPARTURE: Final = ("time", "distance", "x", "y", "side")
 """Attributes of a departure that have a column."""
 _COLUMN_ORDER: Final = """
     id result_number outcome reason operator parents generation
-    length max_curvature curvatures step x y heading
+    length max_curvature largest_change curvatures step x y heading
     superelevation grade widening speed_limits
     moobd moobd_distance max_oob_share objective duration
     departure_time departure_distance departure_x departure_y departure_side
@@ -264,6 +264,7 @@ def _row_of(test: Test) -> dict[str, Any]:
     row["curvatures"] = np.array(curvatures)
     row["parents"] = np.array(candidate.origin.parents, np.int64)
     row["length"] = max(len(curvatures) - 1, 0) * candidate.step
+    row["largest_change"] = largest_change(curvatures) if len(curvatures) else None
     row["max_curvature"] = np.abs(curvatures).max() if len(curvatures) else None
     for name in DICTIONARY_COLUMNS:
         row[name] = (to_builtins(row[name]) or None) if row[name] else None

@@ -26,6 +26,7 @@ from frenetic.road.road_values import (
     MIN_SPEED_LIMIT,
     MIN_STEP,
     START,
+    USUAL_CHANGE,
     Pose,
     checked_curvatures,
     checked_lane_width,
@@ -51,6 +52,8 @@ BEHAVIOUR = 1
 
 POINT_SPACING = 2.0
 """Largest distance between a road's points for validity, files and simulators, in m; our choice."""
+_CHANGE_LENGTH = 10.0  # [m] over which a change of curvature counts
+_CHANGE_ROUNDING = 1e-9  # [1/m] by which a change may exceed the usual one
 _STEPS_ROUNDING = 1e-9
 """Number of pieces by which a computed number may exceed a whole number; our choice."""
 
@@ -388,11 +391,29 @@ class Road:
             )
         return fitted, fitted.check_validity(map_size, road_class)
 
+    @property
+    def largest_change(self) -> float:
+        """Largest change of the curvature over 10 m of road, in 1/m.
+
+        The curvature before the start counts as 0.
+        """
+        places = np.arange(len(self.curvatures)) * self.step
+        before = places - _CHANGE_LENGTH
+        earlier = np.where(before < 0.0, 0.0, self.curvature_at(np.maximum(before, 0.0)))
+        return float(np.abs(self.curvatures - earlier).max())
+
     def as_text(self) -> str:
-        """Return length, least radius, and largest grade, superelevation and widening in words."""
+        """Return length, least radius, and largest grade, superelevation and widening in words.
+
+        Also how fast the road bends, if that is faster than random roads of the paper do.
+        """
         sharpest = float(np.abs(self.curvatures).max())
         radius = "straight" if sharpest < 1e-4 else f"sharpest radius {1.0 / sharpest:.0f} m"
         texts = [f"{self.length:.0f} m", radius]
+        if (change := self.largest_change) > USUAL_CHANGE + _CHANGE_ROUNDING:
+            texts.append(
+                f"bends fast: by {change:.2f} 1/m in 10 m (usually at most {USUAL_CHANGE:g})"
+            )
         superelevation, grade, widening = (
             profile.cut(getattr(self, name), 0.0, self.length)[:, 1] for name in profile.SHAPES
         )

@@ -55,6 +55,9 @@ class Pose(NamedTuple):
     """Heading in rad, counter-clockwise from +x."""
 
 
+USUAL_CHANGE = 0.05
+"""Largest change of the curvature over 10 m of usual test roads, in 1/m: the paper's Section
+I-B."""
 START = Pose(0.0, 0.0, math.pi / 2)
 """Default pose of a road's first sample: at (0, 0), in the direction of +y."""
 

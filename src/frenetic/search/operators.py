@@ -20,12 +20,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from frenetic._support.arrays import FloatArray
+from frenetic.road.road_values import USUAL_CHANGE
 
 if TYPE_CHECKING:
     from typing import TypeAlias
 
 CURVATURE_BOUND = 0.07  # [1/m], the paper's Section I-B
-MAX_CHANGE = 0.05  # [1/m] from one value to the next, the paper's Section I-B
+MAX_CHANGE = USUAL_CHANGE  # [1/m] from one value to the next, the paper's Section I-B
 MIN_VALUES = 2  # least number of values of a road, as of `frenetic.road.Road`: its two ends
 
 

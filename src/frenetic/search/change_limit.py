@@ -1,0 +1,63 @@
+"""The largest change of a road's curvature from value to value, while a search runs."""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+
+from frenetic._support.arrays import FloatArray
+
+# The values are our choice.
+_SHARP_SHARE = 0.5  # share of sharper roads while no failure is known
+_ROUNDING: Final = 1e-9  # [1/m] by which a change may exceed its limit
+
+
+class ChangeLimit:
+    """Lets roads bend faster when no road within the usual change has failed for long.
+
+    Roads within the usual change come first. If no road has failed after some drives, half of the
+    roads may change by any amount within the bound, as the competition's rules allow. If one of
+    these fails, all may; as soon as a road within the usual change fails, none may any more.
+
+    Args:
+        limits: Bound and largest change of values, (2,) in 1/m; the change is overwritten.
+        sharper_after: Drives after which the change is lifted if no road has failed.
+    """
+
+    def __init__(self, limits: FloatArray, sharper_after: int) -> None:
+        self._limits = limits
+        self.usual_change = float(limits[1])
+        """Largest change of usual roads, in 1/m."""
+        self._sharper_after = sharper_after
+        self._has_failed_within = False  # whether a road within the usual change has failed
+        self.is_lifted = False
+        """Whether the next road may be sharper."""
+
+    def choose(self, rng: np.random.Generator, drives: int, *, has_failures: bool) -> None:
+        """Set the limit for the next road.
+
+        Args:
+            rng: Generator that draws whether the road may be sharper.
+            drives: Number of drives so far.
+            has_failures: Whether any road has failed.
+        """
+        self.is_lifted = self.has_lifted(drives) and (has_failures or rng.random() < _SHARP_SHARE)
+        self._limits[1] = 2.0 * self._limits[0] if self.is_lifted else self.usual_change
+
+    def has_lifted(self, drives: int) -> bool:
+        """Return whether sharper roads are tried after so many drives."""
+        return drives >= self._sharper_after and not self._has_failed_within
+
+    def learn_failure(self, curvatures: FloatArray) -> None:
+        """Learn that a road of these curvatures, (n,) in 1/m, has failed."""
+        if largest_change(curvatures) <= self.usual_change + _ROUNDING:
+            self._has_failed_within = True
+
+
+def largest_change(curvatures: FloatArray) -> float:
+    """Return the largest change of curvatures, (n,), from value to value, in 1/m.
+
+    The value before the first counts as 0; without values, so does the change.
+    """
+    return float(np.abs(np.diff(curvatures, prepend=0.0)).max(initial=0.0))
