@@ -41,7 +41,7 @@ def test_show_describes_a_campaign_and_a_test(frenetic: Frenetic, copied: str) -
 
 def test_a_clean_campaign_is_described_without_words_of_the_code(frenetic: Frenetic) -> None:
     """No asking and telling, no clusters, and no counts of zero."""
-    clean = ("--simulations", "30", "--seed", "3", "--workers", "1", "--out", "c")
+    clean = ("--simulations", "60", "--seed", "3", "--workers", "1", "--out", "c")
     texts = [frenetic("run", *clean).out, frenetic("show", "c").out, frenetic("report", "c").out]
     texts += [frenetic("show", "c", "7").out, frenetic("show", "c", "--sort", "tested").out]
     texts += [frenetic("resume", "c", "--simulations", "3").out]

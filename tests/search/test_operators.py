@@ -21,7 +21,6 @@ from frenetic.search.operator_names import (
     EARLIER,
     GIVEN,
     OPERATOR_DESCRIPTIONS,
-    RANDOM,
     REST,
 )
 from frenetic.search.operators import (
@@ -33,6 +32,7 @@ from frenetic.search.operators import (
     reverse_values,
     swap_halves,
 )
+from frenetic.search.road_families import FAMILIES
 from frenetic.search.variation import OPERATORS
 
 SPACING = 0.1  # [m] between two points of a road
@@ -162,5 +162,5 @@ def test_f1_f2_and_f4_undo_themselves_and_f3_does_for_an_even_number_of_values(
 
 def test_each_operator_has_a_description() -> None:
     names = {*PASS_OPERATORS, *FAIL_OPERATORS, "C1", "C2", *OPERATORS}
-    names |= {RANDOM, REST, EARLIER, GIVEN, CONDITIONS}
+    names |= {*FAMILIES, REST, EARLIER, GIVEN, CONDITIONS}
     assert names == set(OPERATOR_DESCRIPTIONS)

@@ -43,6 +43,7 @@ _PLACE = np.dtype(
         ("side", np.int64),  # LEFT, RIGHT or NEITHER
         ("fitness", np.float64),  # value that the search minimises
         ("has_failed", np.bool_),  # whether the drive failed at the place
+        ("yaw_acceleration", np.float64),  # largest of the drive, in rad/s²
         ("cost", np.float64),  # what speaks against the place as a parent, such as its children
     ]
 )
@@ -59,6 +60,8 @@ class Place(NamedTuple):
     """Value that the search minimises."""
     has_failed: bool
     """Whether the drive failed at the place."""
+    yaw_acceleration: float
+    """Largest yaw acceleration of the drive, in rad/s²; 0 if it is not known."""
     vector: FloatArray
     """Approach to the place, (64,) in m."""
 
@@ -81,7 +84,7 @@ class Archive:
 
     @property
     def places(self) -> npt.NDArray[np.void]:
-        """Record of each place, (n,): distance, side, fitness, has_failed, cost; a view."""
+        """Record of each place, (n,): its values but the vector, and its cost; a view."""
         return self._places[: len(self)]
 
     @property
@@ -126,7 +129,7 @@ class Archive:
         self._places = with_room(self._places, row)
         self._vectors = with_room(self._vectors, row)
         self._squares = with_room(self._squares, row)
-        self._places[row] = (*place[:4], 0.0)
+        self._places[row] = (*place[:5], 0.0)
         self._vectors[row] = vector
         self._squares[row] = square
         self.candidates.append(candidate)
@@ -153,12 +156,15 @@ def critical_places(evaluation: Evaluation, candidate: Candidate, fitness: float
     table = build_table(curvatures, step, 0.0, 0.0, 0.0, per_piece)
     trace = evaluation.trace
 
+    yaw_acceleration = 0.0 if trace is None else _largest_yaw_acceleration(trace)
+
     def place_at(distance: float, side: int, fitness: float, has_failed: bool) -> Place:
         """Return the place at a distance along the road, kept within the road."""
         distance = min(max(distance, 0.0), length)
         road = road_around(table, step / per_piece, distance)
         states = states_before(trace, distance)
-        return Place(distance, side, fitness, has_failed, as_vector(road, *states))
+        vector = as_vector(road, *states)
+        return Place(distance, side, fitness, has_failed, yaw_acceleration, vector)
 
     has_failed = evaluation.outcome is Outcome.FAIL
     finding = evaluation.finding
@@ -184,3 +190,13 @@ def critical_places(evaluation: Evaluation, candidate: Candidate, fitness: float
 def _side(trace: Trace, record: int) -> int:
     """Return the side of the lane's centre on which the car is in a record."""
     return LEFT if trace.lateral_offset[record] > 0.0 else RIGHT
+
+
+def _largest_yaw_acceleration(trace: Trace) -> float:
+    """Return the largest yaw acceleration of a drive, in rad/s²; 0 if it is not known."""
+    path, n = trace.trajectory, len(trace.distance)
+    if path is None or n < 2:
+        return 0.0
+    changes, times = np.diff(path.yaw_rate[:n]), np.diff(path.time[:n])
+    largest = float(np.max(np.abs(changes) / times))
+    return largest if np.isfinite(largest) else 0.0

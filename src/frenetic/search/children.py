@@ -7,16 +7,23 @@ from collections.abc import Iterator, Mapping
 from itertools import islice
 from typing import Any, NamedTuple
 
+import numpy as np
+
 from frenetic._support.arrays import FloatArray
+from frenetic.conditions.domain import Domain
+from frenetic.road import profile
 from frenetic.search.approach import ALIKE
 from frenetic.search.archive import Archive
+from frenetic.search.conditions import inherit_conditions
 from frenetic.search.failing import FailureModel
 from frenetic.search.prediction import Foresight, promise_of
+from frenetic.search.random_roads import RandomRoads
 from frenetic.search.records import Candidate, Origin
 
 NEW_DIFFERENCE = ALIKE
 """Least difference from every known failure with which a failure counts as entirely new, in m: what
 is new for the search is new for the analysis, too."""
+_NEW_GRADE_SHARE = 0.25  # share of children with a new grade, in a road class (our choice)
 _LIKELIEST_OF = 6  # children of which the likeliest to fail is chosen (our choice)
 _MAX_FORESEEN = 40  # children that foresight looks at for one road (our choice)
 _FORESEEN_AT_ONCE = 8  # of these children that it looks at together (our choice)
@@ -84,6 +91,38 @@ def choose_likeliest(
         key=lambda child: model.chance(features_of_child(child, model, archive)),
         default=None,
     )
+
+
+def inherited_fields(
+    rng: np.random.Generator,
+    roads: RandomRoads,
+    domain: Domain | None,
+    parent: Candidate,
+    curvatures: FloatArray,
+    moved: float,
+) -> Mapping[str, Any]:
+    """Return grade, speed limits and conditions of a child as fields of a `Candidate`.
+
+    Args:
+        rng: Generator that draws a new grade or new conditions.
+        roads: Random roads, which know whether roads have grades.
+        domain: Domain of the conditions; None for the usual ones.
+        parent: The parent.
+        curvatures: Curvatures of the child, (n,) in 1/m.
+        moved: Distance in m by which the critical place moved along the road; the parent's grade,
+            limits and conditions move with it.
+    """
+    grade, limits = parent.grade, parent.speed_limits
+    if roads.has_class and rng.random() < _NEW_GRADE_SHARE:
+        grade = roads.grade(rng, curvatures)
+    elif grade is not None and len(grade):
+        grade = np.column_stack([grade[:, 0] + moved, grade[:, 1]])
+    length = (len(curvatures) - 1) * roads.step
+    conditions = inherit_conditions(rng, domain, parent, length, moved)
+    values: dict[str, Any] = {"grade": grade, "conditions": conditions}
+    if limits is not None and len(limits):
+        values[profile.LIMITS] = profile.moved_steps(limits, moved)
+    return values
 
 
 def features_of_child(child: Child, model: FailureModel, archive: Archive) -> FloatArray:

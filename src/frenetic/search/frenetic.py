@@ -8,7 +8,6 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from frenetic._support.arrays import FloatArray
 from frenetic._support.bounds import Count, Index, Positive, Share
 from frenetic.conditions.domain import Domain
 from frenetic.errors import Fault
@@ -24,8 +23,9 @@ from frenetic.search.children import (
     choose_foreseen,
     choose_likeliest,
     features_of_child,
+    inherited_fields,
 )
-from frenetic.search.conditions import change_conditions, draw_conditions, inherit_conditions
+from frenetic.search.conditions import change_conditions, draw_conditions
 from frenetic.search.continuations import RoadContinuations
 from frenetic.search.earlier_roads import EarlierRoads
 from frenetic.search.failing import FailureModel
@@ -33,7 +33,7 @@ from frenetic.search.known_failures import NOTHING
 from frenetic.search.map_check import MapCheck, RoadCheck
 from frenetic.search.operator_choice import OperatorChoice
 from frenetic.search.operator_names import CONDITIONS, EARLIER, GIVEN
-from frenetic.search.operators import MIN_VALUES
+from frenetic.search.operators import MAX_CHANGE, MIN_VALUES
 from frenetic.search.parents import ParentPool
 from frenetic.search.prediction import Foresight, ForesightTrial
 from frenetic.search.proposed import ProposedRoads
@@ -46,6 +46,7 @@ from frenetic.search.random_roads import (
     usual_length,
 )
 from frenetic.search.records import Candidate, Evaluation, Origin
+from frenetic.search.scouting import Scouting
 from frenetic.search.speed_model import SpeedModel
 from frenetic.search.strategy import Ledger, Strategy, checked_options
 from frenetic.search.variation import MIRROR, OPERATORS, PARAMETERS, SPLICE
@@ -56,6 +57,7 @@ from frenetic.search.variation import MIRROR, OPERATORS, PARAMETERS, SPLICE
 _LENGTH_PER_MAP_SIDE = 1.45  # usual length of a road per side of the map
 _EXTRA_VALUES = 6  # values that a child may have beyond the longest random road
 _RANDOM_SHARE = 0.05  # share of random roads after the random phase
+_IMPROVEMENT = 0.5  # success of a child nearer to failing than its parent, while none has failed
 _BLIND_SHARE = 0.5  # share of random roads while no failure tells which conditions matter
 _MAX_REDRAWS = 36  # times that a refused road or child is drawn again
 #
@@ -69,7 +71,6 @@ _KNOWN_FAILURE_COST = 0.6  # cost at first of a place with a failure that was kn
 _FRESH_SHARE = 0.45  # share of a failure's children whose road is new except for the run-up
 _RUN_UP = 90.0  # [m] of road before the place that such a child keeps
 _RUN_UP_TIME = 4.6  # [s] of driving at the design speed that it keeps in a road class
-_NEW_GRADE_SHARE = 0.25  # share of children with a new grade, in a road class
 _OTHER_CONDITIONS_SHARE = 0.5  # share of a near miss's children that only change its conditions
 _LEAST_DIFFERENCE = 1.6  # [m] least expected difference of a child from the known failures
 _KNOWN_DIFFERENCE = 1.0  # [m] difference from the known failures up to which nothing is new
@@ -78,15 +79,20 @@ _KNOWN_DIFFERENCE = 1.0  # [m] difference from the known failures up to which no
 class Frenetic(Strategy):
     """A `Strategy` that looks for failures unlike the known ones, for any driver.
 
-    1. *Random phase*: the first `random_roads` roads are random, or as many as `random_budget` of
-       the budget allows, if that is less. Later one road in twenty is random.
+    1. *Scouting*, until a road fails: after the first five roads, three roads in ten are random.
+       They are of several families, see `road_families`; the nearer a family's roads bring the car
+       to failing, the more often it is drawn. The other roads are children of the worst roads so
+       far, or of those on which the car was turned most abruptly.
+       *Random phase*, once a road has failed: roads are random, until there are `random_roads`
+       roads in all, or fewer if they take `random_budget` of the budget. Later one road in twenty
+       is random. Now the families are drawn that bring new failures.
     2. *Archive*: from each drive it keeps the place where the car left its lane or came nearest to
        its edge, and a second such place if the car came near the edge there, too. With each place
        it keeps the `approach`: the road around the place, and offsets and speeds before it.
     3. *Parent*: a place of a failure or of a near miss. A near miss is one of the worst fifth of
        the recent drives, or a drive with a MOOBD below -0.3 m; before the first failure, it is one
-       of the worst 3 %. Of 24 such places the best one is taken: near failing, far from the known
-       failures, and seldom used.
+       of the worst 3 %, and of the worst five at least. Of 24 such places the best one is taken:
+       near failing, far from the known failures, and seldom used.
     4. *Child*: an operator of `variation` changes the road around that place. The chance of an
        operator is a power of the share of new failures among its children, counted apart for
        parents that failed and for others.
@@ -103,6 +109,9 @@ class Frenetic(Strategy):
     Nearly half of a failure's children keep their parent's road only from 90 m before the place to
     30 m after it (in a road class 4.6 s of driving before it, and a third of that after it).
     Elsewhere their road is random.
+
+    The curvature changes by at most `max_change` from value to value. If no road has failed after
+    `sharper_after` drives, half of the roads may change by more, see `ChangeLimit`.
 
     A failure is new if it differs from all known failures by 2 m or more, and partly new above 1 m.
 
@@ -132,6 +141,10 @@ class Frenetic(Strategy):
             parents before near misses, and of six children the likeliest to fail is driven.
         step: m between two curvature values.
         max_length: Largest usual number of values of a road; it has up to five more or fewer.
+        max_change: 1/m, largest change of the curvature from value to value; the paper's by
+            default. A road class has its own.
+        sharper_after: Drives without a failure after which roads are tried, too, that change by
+            more, up to what the competition calls valid.
         is_valid: Refuses roads that are not worth a test; by default those that do not fit the map
             or that the competition calls invalid.
         road_class: Class of the roads, see `Strategy.road_class`; it replaces step and lengths.
@@ -145,7 +158,7 @@ class Frenetic(Strategy):
 
     """
 
-    BEHAVIOUR: ClassVar[int] = 5
+    BEHAVIOUR: ClassVar[int] = 6
     """Version of the proposals, which campaigns record; increase it when they change."""
 
     def __init__(
@@ -158,6 +171,8 @@ class Frenetic(Strategy):
         likely: bool = False,
         step: Positive | None = None,
         max_length: Size = MAX_LENGTH,
+        max_change: Positive = MAX_CHANGE,
+        sharper_after: Index = 100,
         is_valid: RoadCheck | None = None,
         road_class: RoadClass | None = None,
         domain: Domain | None = None,
@@ -181,6 +196,7 @@ class Frenetic(Strategy):
             map_size=(self._usual_length + 0.5) * step,
             step=step,
             max_length=self._usual_length,
+            max_change=max_change,
             is_valid=self._map_check,
             max_redraws=_MAX_REDRAWS,
             road_class=road_class,
@@ -200,6 +216,9 @@ class Frenetic(Strategy):
         failures_first = domain is not None or likely
         self._parents = ParentPool(self._archive, self._rng, failures_first=failures_first)
         self._operators = OperatorChoice()
+        self._scouting = Scouting(
+            self._rng, self._roads, self._parents, self._archive, sharper_after
+        )
         # Id of an outstanding candidate -> its child, and whether foresight chose it.
         self._children: dict[int, tuple[Child, bool]] = {}
         self._foresight_trial = ForesightTrial()
@@ -242,8 +261,8 @@ class Frenetic(Strategy):
             earlier_share = self._earlier_roads.share(is_random_phase=self._in_random_phase)
             if self._rng.random() < earlier_share:
                 return self._earlier_road()
-        random_share = _BLIND_SHARE if self._is_blind else _RANDOM_SHARE
-        if self._in_random_phase or self._rng.random() < random_share:
+        self._scouting.choose_change()
+        if self._rng.random() < self._random_share:
             return self._random_road()
         self._parents.refresh()
         return self._child() or self._random_road()
@@ -274,21 +293,26 @@ class Frenetic(Strategy):
             self._speed_model.learn(candidate.curvatures, candidate.step, evaluation.trace)
         if candidate.origin.operator == EARLIER:
             self._earlier_roads.learn(novelty)
+        self._scouting.learn(candidate, evaluation, novelty)
         if self._foresight is not None:
             self._foresight.learn(candidate, evaluation)
         if proposed is not None:
             child, is_foreseen = proposed
             self._foresight_trial.learn(novelty, is_foreseen=is_foreseen)
-            self._learn_from_child(child, novelty, evaluation.outcome)
+            self._learn_from_child(child, novelty, evaluation)
 
-    def _learn_from_child(self, child: Child, novelty: float, outcome: Outcome) -> None:
+    def _learn_from_child(self, child: Child, novelty: float, evaluation: Evaluation) -> None:
         """Tell the failure model and the choice of operators how a driven child did."""
         if self._failure_model is not None:
             features = features_of_child(child, self._failure_model, self._archive)
-            self._failure_model.learn(features, has_failed=outcome is Outcome.FAIL)
+            self._failure_model.learn(features, has_failed=evaluation.outcome is Outcome.FAIL)
         if child.operator is not None:
             parent_failed = int(self._archive.places["has_failed"][child.row])
-            self._operators.learn(child.operator, novelty, parent_failed=parent_failed)
+            success, fitness = novelty, evaluation.fitness
+            parent_fitness = self._archive.places["fitness"][child.row]
+            if not self._archive.has_failures and fitness is not None and fitness < parent_fitness:
+                success = _IMPROVEMENT
+            self._operators.learn(child.operator, success, parent_failed=parent_failed)
             self._archive.places["cost"][child.row] -= _SUCCESS_REFUND * novelty
 
     def _add_to_archive(
@@ -316,15 +340,17 @@ class Frenetic(Strategy):
 
     @property
     def notice(self) -> str | None:
-        """Warning that no road has come near failing so far, or None."""
-        if not self._parents.drives or self._in_random_phase or self._archive.has_failures:
-            return None
-        if not self._parents.is_moobd or self._parents.lowest < 0.0:
-            return None
-        return (
-            "nothing close to failing yet: the search follows the roads on which the car comes"
-            " nearest to its lane's edge"
-        )
+        """Warning that no road has failed, or only sharp ones; None if there is no such warning."""
+        return None if self._in_random_phase else self._scouting.notice
+
+    @property
+    def _random_share(self) -> float:
+        """Chance that the next road is random rather than a child."""
+        if self._is_blind:
+            return 1.0 if self._in_random_phase else _BLIND_SHARE
+        if not self._archive.has_failures:
+            return self._scouting.random_share
+        return 1.0 if self._in_random_phase else _RANDOM_SHARE
 
     @property
     def _in_random_phase(self) -> bool:
@@ -346,7 +372,13 @@ class Frenetic(Strategy):
 
     def _random_road(self) -> Candidate:
         """Propose a random road."""
-        road = self._roads.issue(self._rng, self._ledger, self.domain, is_blind=self._is_blind)
+        road = self._roads.issue(
+            self._rng,
+            self._ledger,
+            self.domain,
+            is_blind=self._is_blind,
+            family=self._scouting.choose_family(),
+        )
         self._proposed.add(road.curvatures)
         return road
 
@@ -428,33 +460,12 @@ class Frenetic(Strategy):
                 return
             curvatures, operator = self._room[:n].copy(), int(draws.operators[k])
             if curvatures not in self._proposed and self._map_check(curvatures, step):
-                fields = self._inherited(candidate, curvatures, moved * step)
+                fields = inherited_fields(
+                    rng, self._roads, self.domain, candidate, curvatures, moved * step
+                )
                 child_side = opposite if operator == MIRROR else side
                 yield Child(row, operator, curvatures, fields, child_side, expected.copy())
             draws = draws.after(k)
-
-    def _inherited(
-        self, parent: Candidate, curvatures: FloatArray, moved: float
-    ) -> Mapping[str, Any]:
-        """Return grade, speed limits and conditions of a child as fields of a `Candidate`.
-
-        Args:
-            parent: The parent.
-            curvatures: Curvatures of the child, (n,) in 1/m.
-            moved: Distance in m by which the critical place moved along the road; the parent's
-                grade, limits and conditions move with it.
-        """
-        grade, limits = parent.grade, parent.speed_limits
-        if self.road_class is not None and self._rng.random() < _NEW_GRADE_SHARE:
-            grade = self._roads.grade(self._rng, curvatures)
-        elif grade is not None and len(grade):
-            grade = np.column_stack([grade[:, 0] + moved, grade[:, 1]])
-        length = (len(curvatures) - 1) * self._roads.step
-        conditions = inherit_conditions(self._rng, self.domain, parent, length, moved)
-        values: dict[str, Any] = {"grade": grade, "conditions": conditions}
-        if limits is not None and len(limits):
-            values[profile.LIMITS] = profile.moved_steps(limits, moved)
-        return values
 
     def _in_other_conditions(self, row: int) -> Child:
         """Return a child with the road of a place of the archive in other conditions."""

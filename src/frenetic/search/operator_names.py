@@ -6,7 +6,15 @@ from collections.abc import Mapping
 from types import MappingProxyType
 
 RANDOM = "random"
-"""The operator that draws a random road."""
+"""The operator that draws a random road, each value relative to the one before it."""
+INDEPENDENT = "independent"
+"""The operator that draws a random road of independent values."""
+SLALOM = "slalom"
+"""The operator that draws a random slalom."""
+BENDS = "bends"
+"""The operator that draws random bends between straights."""
+SECTIONS = "sections"
+"""The operator that draws random straights, clothoids and arcs."""
 REST = "rest"
 """The operator that continues a road after the place where the car left its lane."""
 EARLIER = "earlier"
@@ -19,6 +27,10 @@ CONDITIONS = "conditions"
 OPERATOR_DESCRIPTIONS: Mapping[str, str] = MappingProxyType(
     {
         RANDOM: "draws a new road",
+        INDEPENDENT: "draws a new road, each value by itself",
+        SLALOM: "draws a new road, bends to both sides in turn",
+        BENDS: "draws a new road, bends between straights",
+        SECTIONS: "draws a new road of straights, clothoids and arcs",
         # frenetic.search.operators
         "P1": "adds new values at the end",
         "P2": "removes values anywhere",

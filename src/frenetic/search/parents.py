@@ -11,10 +11,14 @@ from frenetic._support.arrays import FloatArray
 from frenetic.search.archive import FAR, Archive
 
 # The values are our choice.
-_POOL_AGE = 20  # drives after which the pool is chosen anew
+_POOL_AGE = 20  # drives after which the pool is chosen anew; while no failure is known, 1
 _RECENT_DRIVES = 1500  # last drives, from whose fitness the threshold follows
 _NEAR_QUANTILE = 0.2  # quantile of these fitness values up to which a drive came near failing
 _CLOSEST_QUANTILE = 0.03  # the same quantile while no failure is known
+_YAWING_SHARE = (
+    0.3  # share of parents that are chosen by yaw acceleration while no failure is known
+)
+_MOST_YAWING = 5  # places of the largest yaw acceleration among which they are chosen
 _MIN_POOL = 5  # least number of drives in the pool while no failure is known
 _NEAR_MISS_MOOBD = -0.3  # [m] MOOBD below which a drive came near failing, whatever the driver
 _TOURNAMENT_SIZE = 24  # places of the pool of which the best one is taken
@@ -62,11 +66,21 @@ class ParentPool:
         self.lowest = min(self.lowest, fitness)
         self.is_moobd = is_moobd
 
+    def progress(self, fitness: float | None) -> float:
+        """Return how far a drive came towards failing, from 0 to 1, while no failure is known.
+
+        It is the square of the share of drives so far that were further from failing. Once a
+        failure is known, it is 0: then only new failures count.
+        """
+        if fitness is None or self._archive.has_failures:
+            return 0.0
+        return float((np.array(self._fitness_values) > fitness).mean()) ** 2
+
     def refresh(self) -> None:
         """Choose the rows anew if they are too old."""
         if self.drives < self._next_refresh:
             return
-        self._next_refresh = self.drives + _POOL_AGE
+        self._next_refresh = self.drives + (_POOL_AGE if self._archive.has_failures else 1)
         recent = np.array(self._fitness_values[-_RECENT_DRIVES:])
         near, median = (float(q) for q in np.quantile(recent, (_NEAR_QUANTILE, 0.5)))
         if not self.is_moobd:
@@ -106,8 +120,13 @@ class ParentPool:
         """Return the row of the best of some random places of the pool.
 
         A place is better the nearer to failing, the further from the known failures and the less
-        often used it is.
+        often used it is. While no failure is known, some parents are those whose car was turned
+        most abruptly: it may be near sliding, although it is far from its lane's edge.
         """
+        if not self._archive.has_failures and self._rng.random() < _YAWING_SHARE:
+            all_places = self._archive.places
+            most = np.argsort(-all_places["yaw_acceleration"], kind="stable")[:_MOST_YAWING]
+            return int(most[np.argmin(all_places["cost"][most])])
         rows = self.rows[self._rng.integers(0, len(self.rows), _TOURNAMENT_SIZE)]
         places = self._archive.places[rows]
         worth = np.minimum((self._origin - places["fitness"]) / self._spread, NEAR_MISS_WORTH)

@@ -21,8 +21,9 @@ from frenetic.search.conditions import draw_conditions
 from frenetic.search.elements import draw_elements, random_grade
 from frenetic.search.map_check import MapCheck, RoadCheck, most_frequent
 from frenetic.search.operator_names import RANDOM
-from frenetic.search.operators import CURVATURE_BOUND, MAX_CHANGE, MIN_VALUES, random_curvatures
+from frenetic.search.operators import CURVATURE_BOUND, MAX_CHANGE, MIN_VALUES
 from frenetic.search.records import Candidate, Origin
+from frenetic.search.road_families import FAMILIES
 from frenetic.search.strategy import Ledger, checked_options
 
 STEP = 10.0
@@ -184,9 +185,14 @@ class RandomRoads:
         rng = np.random.default_rng(0)  # not the search's: its draws do not depend on the probes
         return (roads.draw_once(rng) for _ in range(_PROBES))
 
-    def draw(self, rng: np.random.Generator) -> FloatArray:
-        """Return the curvatures of a random road, (N,) 1/m."""
-        return self.redraw_until_valid(lambda: self.draw_once(rng))
+    def draw(self, rng: np.random.Generator, family: str = RANDOM) -> FloatArray:
+        """Return the curvatures of a random road, (N,) 1/m.
+
+        Args:
+            rng: Generator that draws the road.
+            family: Family of a road without a class, see `FAMILIES`.
+        """
+        return self.redraw_until_valid(lambda: self.draw_once(rng, family=family))
 
     def valid(self, rng: np.random.Generator) -> Iterator[Road]:
         """Draw roads, fit them into the map, and yield those that are valid there.
@@ -224,6 +230,11 @@ class RandomRoads:
         """Return whether a road of these curvatures, (N,) 1/m, is worth a test."""
         return self._max_redraws == 0 or self._map_check(curvatures, self.step)
 
+    @property
+    def has_class(self) -> bool:
+        """Whether the roads have a road class."""
+        return self._road_class is not None
+
     def conformed(self, curvatures: FloatArray) -> FloatArray:
         """Return curvatures, (N,) 1/m, changed to keep the rules of the road class, if any."""
         if self._road_class is None:
@@ -246,12 +257,16 @@ class RandomRoads:
         domain: Domain | None = None,
         *,
         is_blind: bool = False,
+        family: str = RANDOM,
     ) -> Candidate:
-        """Issue a random road; in a domain with random conditions, see `draw_conditions`."""
-        values = self.draw(rng)
+        """Issue a random road of a family; in a domain with random conditions.
+
+        See `draw` for the family, and `draw_conditions` for the conditions.
+        """
+        values = self.draw(rng, family)
         grade = self.grade(rng, values)
         conditions = draw_conditions(rng, domain, (len(values) - 1) * self.step, is_blind=is_blind)
-        origin = Origin(RANDOM)
+        origin = Origin(family)
         return ledger.issue(values, self.step, origin, grade=grade, conditions=conditions)
 
     @property
@@ -261,19 +276,22 @@ class RandomRoads:
             return 0
         return self._usual_length + self._length_jitter + _MAX_START_STRAIGHT
 
-    def draw_once(self, rng: np.random.Generator, u: FloatArray | None = None) -> FloatArray:
+    def draw_once(
+        self, rng: np.random.Generator, u: FloatArray | None = None, family: str = RANDOM
+    ) -> FloatArray:
         """Return a random road, (N,) 1/m, which may be invalid.
 
         Args:
             rng: Generator that draws the road.
             u: Uniform numbers in 0..1 for a road of a class, at least `max_uniforms`; by default
                 `rng` draws them.
+            family: Family of a road without a class, see `FAMILIES`.
         """
         jitter = int(rng.integers(-self._length_jitter, self._length_jitter, endpoint=True))
         count = max(MIN_VALUES, self._usual_length + jitter)
         if self._road_class is None:
             bound, max_change = self.limits.tolist()
-            return random_curvatures(rng, count, bound=bound, max_change=max_change)
+            return FAMILIES[family](rng, count, bound, max_change)
         if u is None:
             u = rng.random(count + _MAX_START_STRAIGHT)
         # The car starts on a straight: `first` values of 0. Elements follow.

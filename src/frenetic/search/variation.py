@@ -4,8 +4,8 @@ The *place*, a distance along the road, is where the car failed or came near fai
 road; the *site* is the index of the road's value just before the place. An operator makes a child's
 curvatures, (n,) 1/m, from the parent's and from uniform random numbers, and returns by how many
 values the place has moved along the road. New values are drawn as in Section I-B of the paper, each
-relative to the value before it. In the end all values are kept within the bound. The sizes of the
-changes are our choice.
+relative to the value before it. In the end all values are kept within the bound, and each within
+the largest change from the value before it. The sizes of the changes are our choice.
 
 ============  ====================================================================================
 operator      what it changes
@@ -134,6 +134,25 @@ def scale_values(child: FloatArray, first: int, end: int, factor: float) -> None
 
 
 @njit()
+def limit_changes(values: FloatArray, site: int, max_change: float) -> None:
+    """Change values so that neighbours differ by at most `max_change`, and the first from 0.
+
+    The value at the site stays, if the start allows it; the others follow from there to both ends.
+    """
+    n = len(values)
+    for i in range(site + 1, n):
+        values[i] = min(max(values[i], values[i - 1] - max_change), values[i - 1] + max_change)
+    for i in range(site - 1, -1, -1):
+        values[i] = min(max(values[i], values[i + 1] - max_change), values[i + 1] + max_change)
+    previous = 0.0
+    for i in range(n):
+        limited = min(max(values[i], previous - max_change), previous + max_change)
+        if limited == values[i]:
+            break
+        values[i] = previous = limited
+
+
+@njit()
 def _draw(
     child: FloatArray,
     first: int,
@@ -232,8 +251,8 @@ def vary(
         parent: The parent's road.
         mate: Another road of the archive, for the operator `SPLICE`.
         length: Usual number of values of a road, for a child with a new end.
-        limits: Bound and largest change of new values, both in 1/m; or a road class's `limits`,
-            whose rules the child then keeps.
+        limits: Bound and largest change of values, both in 1/m; or a road class's `limits`, whose
+            rules the child then keeps.
         child: Room for the child's values.
 
     """
@@ -278,9 +297,17 @@ def vary(
         return 0, 0
     for i in range(n):
         child[i] = min(max(child[i], -bound), bound)
-    if has_class(limits):
-        conform(child[:n], limits, np.empty(n))
+    _keep_limits(child[:n], min(site + moved, n - 1), limits)
     return n, moved
+
+
+@njit()
+def _keep_limits(child: FloatArray, site: int, limits: FloatArray) -> None:
+    """Change values so that they keep the rules of the road class, or else the largest change."""
+    if has_class(limits):
+        conform(child, limits, np.empty(len(child)))
+    else:
+        limit_changes(child, site, limits[1])
 
 
 @njit()
@@ -308,5 +335,4 @@ def draw_fresh_ends(
     end = min(int((place + AFTER_SHARE * run_up) / step) + 1, n)
     _draw(child, 0, first, 0.0, numbers, limits)
     _draw(child, end, n, child[end - 1], numbers[first:], limits)
-    if has_class(limits):
-        conform(child, limits, np.empty(n))
+    _keep_limits(child, min(int(place / step), n - 1), limits)
