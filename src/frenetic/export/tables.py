@@ -31,6 +31,7 @@ from frenetic.oracle.drive import Trajectory
 from frenetic.oracle.outcome import Outcome, chosen_outcomes
 from frenetic.oracle.verdict import Side
 from frenetic.road import Pose, profile
+from frenetic.search.change_limit import largest_change
 
 if TYPE_CHECKING:
     import pandas as pd
