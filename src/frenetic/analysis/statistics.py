@@ -19,6 +19,7 @@ import numpy as np
 import numpy.typing as npt
 
 from frenetic._support.arrays import FloatArray
+from frenetic._support.json_value import JSONValue
 
 LEAST_REPEATS: Final = 5
 """Fewest values per group for a verdict (our choice); 5 and 5 can give a p of 0.008."""
@@ -64,6 +65,41 @@ class ValueWithInterval:
     def sign(self) -> int:
         """Sign of the whole interval: 1 or -1 if it lies above or below 0, else 0."""
         return (self.low > 0.0) - (self.high < 0.0)
+
+
+@dataclass(frozen=True)
+class Share:
+    """Share of some cases, counted, with Wilson's 95 % interval."""
+
+    count: int
+    """Number of cases that count."""
+    total: int
+    """Number of all cases."""
+
+    @property
+    def value(self) -> float | None:
+        """Share 0..1; None without a case."""
+        return self.count / self.total if self.total else None
+
+    @property
+    def interval(self) -> tuple[float, float]:
+        """Interval of the share; 0..1 without a case."""
+        return proportion_interval(self.count, self.total) if self.total else (0.0, 1.0)
+
+    def as_json(self) -> dict[str, JSONValue]:
+        """Return the counts, the share and its interval as a JSON object."""
+        return {
+            "count": self.count,
+            "total": self.total,
+            "share": self.value,
+            "interval": list(self.interval),
+        }
+
+    def __str__(self) -> str:
+        if not self.total:
+            return "none of 0"
+        low, high = self.interval
+        return f"{self.count} of {self.total} ({100.0 * low:.0f} to {100.0 * high:.0f} %)"
 
 
 def quartiles(values: npt.ArrayLike) -> Quartiles:

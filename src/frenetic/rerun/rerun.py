@@ -86,6 +86,19 @@ def campaign_tester(store: CampaignStore, spec: Spec) -> RoadTester:
     return tester
 
 
+def tester_on_terms(folder: Path | str, simulator: Simulator, driver: Driver) -> RoadTester:
+    """Return a tester on a campaign's terms, and warn of parts whose version has changed.
+
+    Raises:
+        CampaignError: the campaign does not exist or is damaged.
+        FreneticError: the driver cannot drive in the simulator in the campaign's conditions.
+    """
+    with CampaignStore.open(folder) as store:
+        tester = RoadTester(simulator, driver, store.setting.terms)
+        _warn_of_versions(store, tester)
+    return tester
+
+
 def _warn_of_versions(store: CampaignStore, tester: RoadTester) -> None:
     """Warn of each part of a tester whose version is not the one that a campaign recorded."""
     for note in version_notes(store.config, tester.described):
@@ -106,10 +119,7 @@ def rerun(folder: Path | str, simulator: Simulator, driver: Driver, **options: A
         FreneticError: see `rerun_with`.
         ValueError: an option is out of range.
     """
-    with CampaignStore.open(folder) as store:
-        tester = RoadTester(simulator, driver, store.setting.terms)
-        _warn_of_versions(store, tester)
-    return rerun_with(folder, tester, **options)
+    return rerun_with(folder, tester_on_terms(folder, simulator, driver), **options)
 
 
 def rerun_with(

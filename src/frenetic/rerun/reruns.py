@@ -24,6 +24,7 @@ from frenetic.rerun.campaigns import purpose_of, rerun_folders
 from frenetic.rerun.stability import Change, Repeat, Repeats, matches_json, matches_text
 from frenetic.rerun.variations import Variation, recorded_conditions
 from frenetic.spec.part_text import part_text
+from frenetic.spec.terms import DriveSetting
 
 
 @dataclass(frozen=True)
@@ -137,15 +138,8 @@ def read_rerun(folder: Path | str, source: Path | str) -> Rerun:
             raise CampaignError(f"{folder} is no rerun of a campaign: {error}") from None
         drives = _read_repeats(store, original)
         parts: Any = store.config
-        setting, original_setting = store.setting, original.setting
-        is_own = (
-            setting.rules == original_setting.rules
-            and setting.conditions == original_setting.conditions
-            and not any(
-                differences(kind, parts[kind], original.config.get(kind))
-                for kind in ("driver", "simulator")
-            )
-        )
+        setting = store.setting
+        is_own = is_own_setup(parts, setting, original)
         return Rerun(
             Path(source).resolve().name,
             parts["driver"],
@@ -160,6 +154,25 @@ def read_rerun(folder: Path | str, source: Path | str) -> Rerun:
             setting.conditions,
             Path(folder),
         )
+
+
+def is_own_setup(parts: Mapping[str, Any], setting: DriveSetting, original: CampaignStore) -> bool:
+    """Return whether driver, simulator, rules and common conditions are a campaign's own.
+
+    Args:
+        parts: driver and simulator, as `frenetic.spec.part_record.describe` records them.
+        setting: rules and conditions.
+        original: the campaign.
+    """
+    original_setting = original.setting
+    return (
+        setting.rules == original_setting.rules
+        and setting.conditions == original_setting.conditions
+        and not any(
+            differences(kind, parts[kind], original.config.get(kind))
+            for kind in ("driver", "simulator")
+        )
+    )
 
 
 def _read_repeats(store: CampaignStore, original: CampaignStore) -> dict[int, list[Repeat]]:
