@@ -44,6 +44,9 @@ CALLS: Final = {
     "rerun c --top 1 --times 2": (
         "campaign folder driver simulator variations passed same missing changes matches tests"
     ),
+    "rerun c --top 1 --stability": (
+        "campaign folder driver simulator is_own missing stability passing_with_more_grip"
+    ),
     "minimise c --max-drives 5": (
         "name test road reason match drives ending trouble conditions length length_before"
     ),
@@ -140,6 +143,12 @@ MISTAKES: Final = [
         "leave it out",
     ),
     ("rerun c --simulator metadrive --vary start --vary load", "cannot vary load", "list simul"),
+    ("rerun c --stability --times 3", "--stability has its own drives", "leave out --times"),
+    ("rerun c {passed} --stability", "test {passed} is PASS: only failures are studied"),
+    (
+        "rerun c --stability --simulator frenetic.testing:DummySimulator",
+        "DummySimulator cannot vary friction",
+    ),
     ("rerun windy --simulator commonroad", "CommonRoadSimulator cannot vary friction"),
     ("rerun python", "started from Python", "--driver and --simulator"),
     ("minimise .", "holds no campaign"),

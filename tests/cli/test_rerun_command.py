@@ -60,6 +60,38 @@ def test_a_summary_comes_first_then_the_tests_that_are_named(
     assert [str(test["test"]) for test in reversed_ids["tests"]] == [ids[1], ids[0]]
 
 
+def test_a_study_of_stability_is_shown_by_the_campaign_and_its_report(
+    frenetic: Frenetic, copied: str
+) -> None:
+    failures = len(failures_of(copied))
+    assert "stability" not in frenetic("show", copied).out
+    document = frenetic("rerun", copied, "--stability", "--json").json
+    folders = set(Path(copied).glob("rerun/*"))
+    answer = frenetic("rerun", copied, "--stability")
+    assert answer.code == 0, answer.err
+    assert set(Path(copied).glob("rerun/*")) == folders, "no drive is made twice"
+    passing = len(document["passing_with_more_grip"])
+    line = f"f {failures} failures, {passing} pass with 2 % more grip; "
+    assert answer.out.startswith(f"O{line}")
+    assert f"driven again {failures} of {failures}" in " ".join(answer.out.split())
+    assert f"to see it: frenetic report {copied}" in answer.out
+    shown = frenetic("show", copied).out
+    assert f"stability  o{line}" in shown
+    assert frenetic("report", copied).code == 0
+    assert f"o{line}" in Path(copied, "report.html").read_text(encoding="utf-8")
+    facts = frenetic("show", copied, "--json").json["facts"]
+    assert facts["stability"]["total"]["failures"] == failures
+
+
+def test_a_study_with_another_driver_is_not_shown_by_the_campaign(
+    frenetic: Frenetic, copied: str
+) -> None:
+    answer = frenetic("rerun", copied, "--stability", "--driver", "aggression=0.9", "--top", "2")
+    assert answer.code == 0, answer.err
+    assert "; the same command shows it" in answer.out
+    assert "stability" not in frenetic("show", copied).out
+
+
 @pytest.mark.parametrize("stop", [3, 4, 6])
 def test_ctrl_c_exits_130_and_the_same_command_goes_on(
     frenetic: Frenetic, copied: str, stopping_driver: Callable[[int], str], stop: int

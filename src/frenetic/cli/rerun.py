@@ -14,8 +14,8 @@ import click
 from frenetic._support.words import counted, oob_unit
 from frenetic.cli import echo
 from frenetic.cli.command_options import CommandOptions
-from frenetic.cli.console import Log, print_table, shell, two_digits
-from frenetic.cli.entries import part_options, trust_option
+from frenetic.cli.console import Log, print_table, two_digits
+from frenetic.cli.entries import part_options, trust_option, was_given
 from frenetic.cli.option_types import NamedRange, NewFile, range_type
 from frenetic.cli.options import (
     campaign_argument,
@@ -28,6 +28,7 @@ from frenetic.cli.rerun_options import (
     campaign_spec,
     chosen_tests,
     interrupted,
+    kept_text,
     shown_driving,
 )
 from frenetic.cli.search import fail_on_failure_option
@@ -35,6 +36,7 @@ from frenetic.conditions.condition import as_text
 
 if TYPE_CHECKING:
     from frenetic.campaign import CampaignStore, RoadTester
+    from frenetic.rerun.campaigns import ReplayOptions
     from frenetic.rerun.reruns import Rerun
     from frenetic.rerun.stability import Repeats
     from frenetic.rerun.variations import Variation
@@ -42,6 +44,9 @@ if TYPE_CHECKING:
 
 VARIED_TIMES: Final = 20
 """Drives of each road with --vary, unless --times is given (our choice)."""
+
+_OTHER_STUDIES: Final = ("everything", "times", "varied_conditions", "junit", "fail_on_failure")
+"""Parameters that exclude ``--stability``."""
 
 
 def _variation(condition: NamedRange, tester: RoadTester) -> Variation:
@@ -71,6 +76,13 @@ def _variation(condition: NamedRange, tester: RoadTester) -> Variation:
     " alone means the usual range ('frenetic list conditions') around a test's own amount. May be"
     " repeated.",
 )
+@click.option(
+    "--stability",
+    "is_study",
+    is_flag=True,
+    help="Drive failures as they were, with 2 % less grip and with 2 % more, and say how many fail"
+    " again and keep their cause.",
+)
 @part_options
 @trust_option
 @workers_option
@@ -93,6 +105,7 @@ def rerun(
     everything: bool,
     times: int | None,
     varied_conditions: tuple[NamedRange, ...],
+    is_study: bool,
     workers: int,
     out: Path | None,
     junit: Path | None,
@@ -111,29 +124,29 @@ def rerun(
     along the road, and if road, offsets and speeds before it differ by at most 2 m, as within one
     distinct failure. The same command continues after Ctrl-C, and shows a complete rerun.
     """
+    from frenetic.cli.rerun_stability import study_failures
     from frenetic.rerun.junit import write_junit
     from frenetic.rerun.rerun import rerun_with
 
-    if everything and (test_ids or top is not None):
-        raise click.UsageError("--all excludes --top and the ID of a test")
+    _require_fitting_options(context)
     options = CommandOptions.of(context)
     times = times or (VARIED_TIMES if varied_conditions else 1)
     chosen, spec, tester = _of_campaign(options, campaign, test_ids, top, everything=everything)
+    driving: ReplayOptions = {
+        "tests": chosen,
+        "instead": options.overridden_conditions(spec),
+        "workers": workers,
+        "isolate": True,
+        "out": out,
+    }
+    if is_study:
+        study_failures(campaign, tester, driving, as_json=as_json)
+        return
     variations = [_variation(condition, tester) for condition in varied_conditions]
     log = Log()
     with shown_driving(log, "Driving again") as on_event:
-        result = rerun_with(
-            campaign,
-            tester,
-            tests=chosen,
-            times=times,
-            vary=variations,
-            instead=options.overridden_conditions(spec),
-            workers=workers,
-            isolate=True,
-            out=out,
-            on_event=on_event,
-        )
+        driving["on_event"] = on_event
+        result = rerun_with(campaign, tester, times=times, vary=variations, **driving)
     if junit is not None and not result.missing:
         write_junit(result, junit)
     if as_json:
@@ -141,12 +154,28 @@ def rerun(
     elif not result.planned:
         echo(f"{campaign} holds no {'driven road' if everything else 'failure'}")
     else:
-        is_as_before = not varied_conditions and not options
-        _print(result, times, is_as_before=is_as_before, has_named_tests=bool(test_ids))
+        is_as_before, has_ids = not varied_conditions and not options, bool(test_ids)
+        _print(result, times, is_as_before=is_as_before, has_named_tests=has_ids)
         # The report shows only reruns in the campaign's own folder.
-        see = f"to see it: frenetic report {shell(campaign)}"
-        echo(f"Kept in {result.folder}; {see if out is None else 'the same command shows it'}")
+        echo(kept_text(result.folder, campaign, is_reported=out is None))
     _exit_if_not_good(result, log, fail_on_failure=fail_on_failure)
+
+
+def _require_fitting_options(context: click.Context) -> None:
+    """Check that no option excludes another.
+
+    Raises:
+        click.UsageError: ``--all`` stands beside tests, or ``--stability`` beside another study.
+    """
+    values = context.params
+    if values["everything"] and (values["test_ids"] or values["top"] is not None):
+        raise click.UsageError("--all excludes --top and the ID of a test")
+    for parameter in context.command.params:
+        name = parameter.name or ""
+        if values["is_study"] and name in _OTHER_STUDIES and was_given(context, name):
+            raise click.UsageError(
+                f"--stability has its own drives and no verdict: leave out {parameter.opts[0]}"
+            )
 
 
 def _exit_if_not_good(result: Rerun, log: Log, *, fail_on_failure: bool) -> None:

@@ -12,7 +12,7 @@ import click
 
 from frenetic.cli import INTERRUPTED, Invocation
 from frenetic.cli.command_options import CommandOptions, PartsSource
-from frenetic.cli.console import Log, announced_compilation, counted_progress, this_command
+from frenetic.cli.console import Log, announced_compilation, counted_progress, shell, this_command
 from frenetic.cli.options import as_usage_error
 from frenetic.cli.simulator_place import without_place
 from frenetic.errors import CampaignError
@@ -161,6 +161,18 @@ def shown_driving(
                 show(done, all_drives)
 
         yield on_event
+
+
+def kept_text(driven: Path | None, campaign: Path, *, is_reported: bool) -> str:
+    """Return where drives are kept, and the command that shows them.
+
+    Args:
+        driven: folder of the drives.
+        campaign: folder of the campaign whose roads were driven.
+        is_reported: whether the campaign's report shows the drives.
+    """
+    see = f"to see it: frenetic report {shell(campaign)}"
+    return f"Kept in {driven}; {see if is_reported else 'the same command shows it'}"
 
 
 def interrupted(

@@ -253,6 +253,7 @@ def _facts_of_campaign(store: CampaignStore, counts: Counts) -> list[tuple[str, 
     """Return the facts of a campaign as labels and texts; `print_facts` leaves out empty texts."""
     from frenetic.analysis.caution import caution
     from frenetic.analysis.criteria import criteria_text
+    from frenetic.analysis.failure_stability import FailureStability
     from frenetic.campaign.configuration import earlier_of
     from frenetic.campaign.guarded_strategy import SEARCH_FACTS
     from frenetic.campaign.objective_values import objective_text
@@ -263,6 +264,7 @@ def _facts_of_campaign(store: CampaignStore, counts: Counts) -> list[tuple[str, 
 
     setting, config, facts = store.setting, store.config, store.facts
     budget, rate = _budget(store), FailureRate.read(store.folder)
+    stability = FailureStability.read(facts)
     rules, error = setting.rules, first_error(store)
     limit = limit_of_search(setting, config.get("from_roads"))
     return [
@@ -285,6 +287,7 @@ def _facts_of_campaign(store: CampaignStore, counts: Counts) -> list[tuple[str, 
         ("go on", _next_command(store)),
         ("results", counts.as_text()),
         ("known before", still_failing(store)),
+        ("stability", "" if stability is None else stability.as_text()),
         ("search", facts_text(facts.get(SEARCH_FACTS))),
         ("note", not_repeatable(facts)),
         ("note", str(facts.get("notice") or "")),

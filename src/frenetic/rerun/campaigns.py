@@ -8,7 +8,7 @@ a complete driving campaign as it is, and never replaces another one.
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Final, TypedDict
@@ -58,6 +58,16 @@ class DrivingOptions(TypedDict, total=False):
     """Folder of the driving campaign; by default a folder in the source campaign's folder."""
     on_event: Callable[[Event], object] | None
     """Called with each event of the driving campaign, see `Campaign.run`."""
+
+
+class ReplayOptions(DrivingOptions, total=False):
+    """Options of every function that drives tests of a campaign again."""
+
+    tests: Iterable[int] | None
+    """Ids of the tests; None for all failures."""
+    instead: Iterable[str]
+    """Conditions whose recorded amounts are ignored, because the simulator or the driver has other
+    amounts of these conditions."""
 
 
 @dataclass(frozen=True)

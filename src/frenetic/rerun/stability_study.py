@@ -61,6 +61,8 @@ class StabilityStudy:
     """Simulator, as `frenetic.spec.part_record.describe` records it."""
     failures: tuple[StudiedFailure, ...]
     """Failures with their further drives, in the order of their ids."""
+    is_own: bool
+    """Whether driver, simulator, rules and conditions are the campaign's."""
     folder: Path | None = None
     """Folder of the campaign that drove the roads; None if there was nothing to drive."""
 
@@ -86,6 +88,7 @@ class StabilityStudy:
             "folder": None if self.folder is None else str(self.folder),
             "driver": dict(self.driver),
             "simulator": dict(self.simulator),
+            "is_own": self.is_own,
             "missing": self.missing,
             "stability": self.stability.as_json(),
             "passing_with_more_grip": list(self.passing_with_more_grip),
@@ -163,6 +166,7 @@ def study_stability_with(
         tester.described["driver"],
         tester.described["simulator"],
         studied,
+        is_own,
         driving_folder,
     )
     has_all = bool(ids) or tests is None

@@ -17,6 +17,7 @@ from frenetic._support.words import (
 from frenetic.analysis.caution import caution
 from frenetic.analysis.clusters import Clusters
 from frenetic.analysis.criteria import criteria_text
+from frenetic.analysis.failure_stability import FailureStability
 from frenetic.campaign.advice import how_to_resume
 from frenetic.campaign.configuration import earlier_of
 from frenetic.campaign.counts import Counts
@@ -114,6 +115,8 @@ def _labelled_texts(store: CampaignStore) -> Iterator[tuple[str, str]]:
     yield "objective", objective_text(store)
     yield "starts from", "; ".join(map(str, earlier_of(store.config)))
     yield "known before", still_failing(store)
+    stability = FailureStability.read(store.facts)
+    yield "stability", "" if stability is None else stability.as_text()
     yield "search", facts_text(store.fact(SEARCH_FACTS))
     yield "driver", f"{driver}, {version}" if version else ""
     yield "finished", _date_and_time(store.fact("finished_at"))
