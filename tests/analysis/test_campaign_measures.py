@@ -10,12 +10,14 @@ from typing import Any
 
 import numpy as np
 import pytest
+from msgspec import to_builtins
 from sample_campaigns import search, store_of
 
 from frenetic.analysis import campaign_measures
 from frenetic.analysis.campaign_measures import CampaignMeasures, measure_campaign
 from frenetic.analysis.clusters import cluster_failures
 from frenetic.analysis.diameter import set_diameter
+from frenetic.analysis.failure_stability import STABILITY, FailureStability
 from frenetic.analysis.failures import failures_of
 from frenetic.analysis.measures import MEASURES, RADII, SHARED_TEXT
 from frenetic.analysis.segments import segments_of
@@ -94,10 +96,21 @@ def test_without_failures_the_first_failure_is_infinitely_late(tests: int, tmp_p
     assert values.pop("competition_sparseness") == -math.inf
     assert values.pop("test_set_diameter") == -math.inf
     assert values.pop("kilometres_to_failure") == values.pop("seconds_to_failure") == math.inf
-    assert values.pop("min_moobd") is values.pop("strategy_seconds") is None
+    for name in ("min_moobd", "strategy_seconds", "passes_with_more_grip", "keeps_cause"):
+        assert values.pop(name) is None
     assert values.pop("valid_share") == 1.0
     assert set(values.values()) == {0.0}
     assert MEASURES["simulations_to_failure"].text(math.inf) == "none"
+
+
+def test_without_failures_their_stability_is_worse_than_any(tmp_path: Path) -> None:
+    folder = store_of(tmp_path / "c", (Outcome.PASS,))
+    with CampaignStore.open(folder, readonly=False) as store:
+        store.keep(**{STABILITY: to_builtins(FailureStability.of(()))})
+    measured = measure_campaign(folder)
+    passes, keeps = MEASURES["passes_with_more_grip"], MEASURES["keeps_cause"]
+    assert passes.sign * (passes.of(measured) or 0.0) == -math.inf
+    assert keeps.sign * (keeps.of(measured) or 0.0) == -math.inf
 
 
 def test_the_curve_of_distinct_failures_rises_with_each_new_cluster(

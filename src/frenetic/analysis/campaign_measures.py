@@ -13,6 +13,7 @@ import numpy as np
 from frenetic._support.arrays import FloatArray, IntArray, evenly
 from frenetic.analysis.clusters import cluster_failures
 from frenetic.analysis.diameter import set_diameter
+from frenetic.analysis.failure_stability import FailureStability
 from frenetic.analysis.failures import Failure
 from frenetic.analysis.official_segment import failure_segment
 from frenetic.analysis.spaces import SPACES
@@ -71,6 +72,8 @@ class CampaignMeasures:
     """Simulated time up to and with the first failure, in s; infinite without a failure."""
     strategy_seconds: float | None = None
     """Wall time in which the strategy or generator computed, in s; None if it is not recorded."""
+    stability: FailureStability | None = None
+    """Stability of the failures; None if it was not studied."""
 
     @property
     def simulations(self) -> int:
@@ -116,6 +119,28 @@ class CampaignMeasures:
     def min_moobd(self) -> float | None:
         """Lowest MOOBD, in m; None if nothing was driven."""
         return self.counts.min_moobd
+
+    @property
+    def passes_with_more_grip(self) -> float | None:
+        """Share 0..1 of the studied failures that pass with more grip.
+
+        It is infinite if no failure could be judged, and None without a study.
+        """
+        if self.stability is None:
+            return None
+        share = self.stability.total.passes_with_more_grip.value
+        return math.inf if share is None else share
+
+    @property
+    def keeps_cause(self) -> float | None:
+        """Share 0..1 of the studied failures that keep their cause.
+
+        It is minus infinity if no failure could be judged, and None without a study.
+        """
+        if self.stability is None:
+            return None
+        share = self.stability.total.keeps_cause.value
+        return -math.inf if share is None else share
 
     @property
     def valid_share(self) -> float:
@@ -168,6 +193,7 @@ def measure_campaign(folder: Path | str) -> CampaignMeasures:
         kilometres_to_failure=kilometres,
         seconds_to_failure=seconds,
         strategy_seconds=strategy_seconds,
+        stability=FailureStability.read(facts),
     )
 
 

@@ -10,6 +10,7 @@ from typing import Final
 
 from frenetic.analysis.campaign_measures import CampaignMeasures
 from frenetic.analysis.diameter import MOST_COMPRESSED
+from frenetic.analysis.failure_stability import GRIP_CHANGE, Grip
 from frenetic.analysis.spaces import SPACES, Space
 
 RADII: Final = (0.5, 1.0, 2.0)
@@ -217,6 +218,27 @@ _OTHER_MEASURES: Final = (
         "lowest MOOBD",
         unit="m",
         more_is_better=False,
+        decimals=2,
+        is_main=True,
+    ),
+    Measure(
+        "passes_with_more_grip",
+        f"share that passes {Grip.MORE}",
+        f"Of the failures that were driven again, the share that passes {Grip.MORE}: failures at"
+        " the very limit. None without a failure, which counts as worse than any number.",
+        f"pass {Grip.MORE}",
+        more_is_better=False,
+        decimals=2,
+        is_main=True,
+    ),
+    Measure(
+        "keeps_cause",
+        "share that keeps its cause",
+        "Of the failures that were driven again as they were, with"
+        f" {100.0 * GRIP_CHANGE:g} % less and with {100.0 * GRIP_CHANGE:g} % more grip, the share"
+        " with its recorded cause in each of these drives that fails. None without a failure, which"
+        " counts as worse than any number.",
+        "keep cause",
         decimals=2,
         is_main=True,
     ),

@@ -563,6 +563,7 @@ def test_a_bench_needs_an_empty_folder_or_its_own_and_the_same_terms(tmp_path: P
         ({"simulations": 0}, "simulations is 0"),
         ({"seconds_per_test": 0.0}, "seconds_per_test is 0.0"),
         ({"patience": -1.0}, "patience is -1.0"),
+        ({"stability": -1}, "stability is -1"),
     ],
 )
 def test_terms_out_of_range_are_refused(options: dict[str, Any], why: str) -> None:

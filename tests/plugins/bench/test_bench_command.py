@@ -10,8 +10,10 @@ from typing import TYPE_CHECKING
 
 import pytest
 
+from frenetic.analysis.failure_stability import FailureStability
 from frenetic.campaign import CampaignStore
 from frenetic.campaign.check import check_campaign
+from frenetic.oracle.outcome import Outcome
 
 if TYPE_CHECKING:
     from command_line import Frenetic
@@ -84,6 +86,46 @@ def test_the_exit_code_is_1_if_no_run_has_a_judged_drive(frenetic: Frenetic, wig
     answer = frenetic("bench", "--generator", "wiggly.py:Broken", *LEAST, "--json")
     assert (answer.code, answer.json["runs"][0]["ending"]["end"]) == (1, "crashed")
     assert "no idea" in answer.err
+
+
+STABILITY = {
+    "passes_with_more_grip": "share that passes with 2 % more grip",
+    "keeps_cause": "share that keeps its cause",
+}
+
+
+@pytest.mark.heavy
+def test_the_stability_of_failures_is_measured_if_asked_for(frenetic: Frenetic) -> None:
+    strategies = ("--strategy", "frenetic-2021", "--strategy", "random,name=other")
+    options = ("--simulations", "30", "--repeats", "1", "--seed", "3", "--out", "b")
+    answer = frenetic("bench", *strategies, *options, "--stability", "3")
+    assert answer.code == 0, answer.err
+    assert tomllib.loads(Path("b/bench.toml").read_text(encoding="utf-8"))["stability"] == 3
+    again = frenetic("bench", "--resume", "--out", "b", "--json").json
+    measured = {measure["name"]: measure for measure in again["measures"]}
+    page = Path("b/index.html").read_text(encoding="utf-8")
+    for name, title in STABILITY.items():
+        assert title in answer.out
+        assert title in page
+        assert set(measured[name]["groups"]) == {"frenetic-2021", "other"}
+    with CampaignStore.open("b/frenetic-2021/01") as store:
+        stability = FailureStability.read(store.facts)
+        failed = [test.id for test in store.tests(Outcome.FAIL)]
+    assert stability is not None
+    assert stability.total.failures == min(3, len(failed))
+    assert stability.total.failures > 0
+    share = measured["passes_with_more_grip"]["groups"]["frenetic-2021"]["values"]
+    assert share == [stability.total.passes_with_more_grip.value]
+    study = frenetic("rerun", "b/frenetic-2021/01", "--stability", "--json").json
+    assert study["stability"]["failures"] == len(failed), "the run's failures are all driven"
+
+
+@pytest.mark.heavy
+def test_without_studies_no_stability_is_measured(frenetic: Frenetic) -> None:
+    answer = frenetic("bench", "--strategy", "random", *LEAST, "--json")
+    assert STABILITY.keys().isdisjoint(measure["name"] for measure in answer.json["measures"])
+    assert not any(title in Path("b/index.html").read_text() for title in STABILITY.values())
+    assert "stability" not in Path("b/bench.toml").read_text(encoding="utf-8")
 
 
 @pytest.mark.heavy
@@ -165,6 +207,10 @@ def test_published_generators_are_listed_with_what_they_need(frenetic: Frenetic)
         (["--generator", "crag-2024,path=.,copy=."], ["say where its files are, no more"]),
         (["nothing.toml"], ["there is no file nothing.toml"]),
         (["--preset", "sbst2023"], ["no preset 'sbst2023'", "did you mean", "sbft2023"]),
+        (
+            ["--simulator", "frenetic.testing:DummySimulator", "--stability", "2"],
+            ["DummySimulator cannot vary friction"],
+        ),
         (["--resume"], ["--resume needs the folder of a bench"]),
         (["--resume", "--out", "nothing"], ["holds no bench"]),
         (["--out", "full"], ["is not empty", "place with --out"]),

@@ -268,6 +268,7 @@ class Bench:
             "simulations": terms.simulations,
             "seconds_per_test": terms.seconds_per_test,
             "patience": terms.patience,
+            "stability": terms.stability or None,
             "repeats": self.repeats,
             "seed": self.seed,
             "preset": None if self.preset is None else self.preset.name,

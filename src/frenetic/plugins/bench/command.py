@@ -42,7 +42,7 @@ if TYPE_CHECKING:
     from frenetic.analysis.comparison import Comparison
     from frenetic.plugins.bench import Bench, RunState
 
-_ENTRIES: Final = ("generator", "strategy", "simulations", "repeats", "seed", "preset")
+_ENTRIES: Final = ("generator", "strategy", "simulations", "repeats", "seed", "stability", "preset")
 """Options that are entries of `frenetic.plugins.bench.file.BenchFile`."""
 _OPTIONS_WITH_RESUME: Final = ("workers", "out", "resume", "is_trusted", "as_json")
 """Parameters that may be given with ``--resume``: they do not describe the bench."""
@@ -78,6 +78,12 @@ _INTERRUPTED: Final = 130
 @count_option("--simulations", "Budget of each run, in drives. [default: 200]")
 @count_option("--repeats", "Runs of each generator and strategy. [default: 10]")
 @count_option("--seed", "Seed of the first runs. [default: 1]", least=0)
+@count_option(
+    "--stability",
+    "Failures of each run, evenly spaced, that are driven again as they were, with 2 % less grip"
+    " and with 2 % more. [default: 0]",
+    least=0,
+)
 @part_options
 @entry_option("objective")
 @trust_option

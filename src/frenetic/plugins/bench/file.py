@@ -47,6 +47,8 @@ class BenchFile(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """Virtual time that a drive costs, in s."""
     patience: Positive | str = "10m"
     """Wall time after which a generator that asks for no test is ended, in s or as "10m"."""
+    stability: Index = 0
+    """Number of failures of each run that are driven again, with hardly other grip."""
     repeats: Count = 10
     """Number of runs of each entrant."""
     seed: Index = 1
@@ -98,6 +100,7 @@ class BenchFile(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
                 simulations=self.simulations,
                 seconds_per_test=self.seconds_per_test,
                 patience=parse_duration(self.patience),
+                stability=self.stability,
                 objective=spec.named_objective,
             ),
             repeats=self.repeats,

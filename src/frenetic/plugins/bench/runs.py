@@ -16,7 +16,7 @@ import msgspec
 import numpy as np
 from msgspec import structs
 
-from frenetic._support.bounds import Count, Positive, check
+from frenetic._support.bounds import Count, Index, Positive, check
 from frenetic._support.json_value import JSONValue
 from frenetic._support.option_text import part_word
 from frenetic.analysis.sparseness import largest_distances, unlike_lines
@@ -35,9 +35,11 @@ from frenetic.plugins.bench.strategy import (
     GeneratorStrategy,
     RunEnding,
 )
+from frenetic.rerun.stability_study import FRICTION, study_stability_with
 from frenetic.road import Road, check_validity
 from frenetic.road.validity import interpolate, min_radius, overlaps_itself
 from frenetic.search import Strategy
+from frenetic.simulators.conditions import check_can_vary
 from frenetic.spec import USUAL, Budget, Spec
 
 WORK: Final = "work"
@@ -70,13 +72,18 @@ class RunTerms:
     """Virtual time that each executed test costs, as a generator sees it, in s."""
     patience: Positive = 600.0
     """Wall time that a generator may take between two tests, in s."""
+    stability: Index = 0
+    """Number of failures of each run, evenly spaced, whose stability is studied, see
+    `frenetic.rerun.stability_study`."""
     objective: str = MOOBD
     """Name of the objective that the strategies minimise; a generator has its own."""
 
     def __post_init__(self) -> None:
         Objective.load(self.objective)
-        checked = ("simulations", "seconds_per_test", "patience")
+        checked = ("simulations", "seconds_per_test", "patience", "stability")
         check({name: getattr(self, name) for name in checked}, RunTerms)
+        if self.stability:
+            check_can_vary(self.tester.simulator, [FRICTION])
 
     @property
     def time(self) -> float:
@@ -175,6 +182,9 @@ def run_entrant(
             if ending is None or ending.end is not End.GAVE_UP:
                 ending = generator.dismiss()
         facts["strategy_seconds"] = round(generator.computing, 4)
+    if terms.stability:
+        is_isolated = terms.tester.spec is not None
+        study_stability_with(run.folder, terms.tester, most=terms.stability, isolate=is_isolated)
     ending = ending or RunEnding(End.OVER)
     facts[ENDING_FACT] = msgspec.to_builtins(ending)
     with CampaignStore.open(run.folder, readonly=False) as store:
