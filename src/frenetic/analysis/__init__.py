@@ -5,7 +5,6 @@ from frenetic.analysis.clusters import Cluster, Clusters, cluster_failures, near
 from frenetic.analysis.comparison import Comparison, compare
 from frenetic.analysis.coverage import DomainCoverage, domain_coverage
 from frenetic.analysis.curves import CURVES, Curve
-from frenetic.analysis.failure_stability import FailureStability
 from frenetic.analysis.failures import Failure, failures_of
 from frenetic.analysis.groups import find_campaigns
 from frenetic.analysis.measures import MEASURES, Measure
@@ -29,7 +28,6 @@ __all__ = [
     "Curve",
     "DomainCoverage",
     "Failure",
-    "FailureStability",
     "Features",
     "Measure",
     "Segment",

@@ -247,7 +247,7 @@ class FailureStability:
         if not judged:
             return ""
         if passing := total.again.judged - total.again.failed:
-            texts.append(f"{_passing(passing)} {Grip.AGAIN}")
+            texts.append(f"{_passing(passing)} when {Grip.AGAIN}")
         texts.append(f"{_passing(total.passes_with_more_grip.count)} {Grip.MORE}")
         text = f"of {counted(total.failures, 'failure')}, {', '.join(texts)}"
         if (keeping := total.keeps_cause.value) is not None:
