@@ -83,6 +83,22 @@ def test_a_study_of_stability_is_shown_by_the_campaign_and_its_report(
     assert facts["stability"]["total"]["failures"] == failures
 
 
+def test_an_interrupted_study_goes_on_with_the_same_command(
+    frenetic: Frenetic, copied: str, stopping_driver: Callable[[int], str]
+) -> None:
+    number = str(failures_of(copied)[0])
+    command = ("rerun", copied, number, "--stability", "--driver", stopping_driver(2))
+    answer = frenetic(*command)
+    assert answer.code == 130
+    assert "Interrupted: 1 drive to go; the same command continues" in answer.err
+    stopping_driver(0)
+    whole = frenetic(*command)
+    assert whole.code == 0
+    assert whole.out.startswith("Of 1 failure, ")
+    (folder,) = re.findall(r"Kept in (\S+);", whole.out)
+    assert frenetic("check", folder).code == 0
+
+
 def test_a_study_with_another_driver_is_not_shown_by_the_campaign(
     frenetic: Frenetic, copied: str
 ) -> None:

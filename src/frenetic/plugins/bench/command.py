@@ -76,12 +76,11 @@ _INTERRUPTED: Final = 130
     " beside the results: sbst2021 or sbft2023. FILE.toml and other options win.",
 )
 @count_option("--simulations", "Budget of each run, in drives. [default: 200]")
-@count_option("--repeats", "Runs of each generator and strategy. [default: 10]")
+@count_option("--repeats", "Runs of each entrant. [default: 10]")
 @count_option("--seed", "Seed of the first runs. [default: 1]", least=0)
 @count_option(
     "--stability",
-    "Failures of each run, evenly spaced, that are driven again as they were, with 2 % less grip"
-    " and with 2 % more. [default: 0]",
+    "Failures of each run to drive again, with 2 % less and 2 % more grip. [default: 0]",
     least=0,
 )
 @part_options
