@@ -213,6 +213,16 @@ def test_a_study_with_other_parts_leaves_no_fact(slippery: Path) -> None:
     assert kept(slippery) is None
 
 
+def test_a_study_without_a_recorded_condition_leaves_no_fact(tmp_path: Path) -> None:
+    simulator = Slippery()
+    folder = searched(tmp_path / "c", simulator, simulations=3, strategy=Varied(seed=1))
+    simulator.frictions.clear()
+    study = study_stability(folder, simulator, DummyDriver(), instead=["friction"])
+    assert simulator.frictions == pytest.approx(3 * [grip.factor for grip in Grip])
+    assert not study.is_own
+    assert kept(folder) is None
+
+
 def test_a_campaign_without_failures_is_studied_with_no_drive(tmp_path: Path) -> None:
     folder = searched(tmp_path / "c", DummySimulator(), simulations=2)
     study = study_stability(folder, Slippery(), DummyDriver())

@@ -152,6 +152,7 @@ def study_stability_with(
         candidates = [store.test(number, with_trajectory=False).candidate for number in ids]
         is_own = is_own_setup(tester.described, tester.setting, store)
     recorded = {road.id: without(road.conditions, *instead) for road in candidates}
+    is_own = is_own and all(recorded[road.id] == road.conditions for road in candidates)
     conditions = {number: _in_each_grip(amounts, tester) for number, amounts in recorded.items()}
     # Of tests with the same conditions, whatever their amounts, one is checked.
     for amounts in {frozenset(amounts): amounts for amounts in recorded.values()}.values():
