@@ -27,9 +27,10 @@ from frenetic.road import MAP_SIZE
 from frenetic.search import Candidate, Evaluation, Origin
 from frenetic.search.map_check import MapCheck
 from frenetic.search.operator_names import RANDOM
-from frenetic.search.operators import CURVATURE_BOUND
+from frenetic.search.operators import CURVATURE_BOUND, MAX_CHANGE
 from frenetic.search.random_roads import STEP, RandomRoads
 from frenetic.search.strategy import Ledger, Strategy, checked_options
+from frenetic.search.variation import limit_changes
 from frenetic.segments.bends import heading_range
 from frenetic.segments.features import FEATURES, HEADING_BINS
 from frenetic.segments.segment import REACH
@@ -71,6 +72,8 @@ class RibsSearch(Strategy):
         sigma: first standard deviation of CMA-ES, in 1/m.
         learning_rate: learning rate of the thresholds of CMA-MAE's archive, 0..1.
         threshold_min: objective from which CMA-MAE's archive takes roads, in m.
+        max_change: largest change of the curvature from value to value, in 1/m. A solution that
+            changes by more stays as it is for pyribs; the road that is driven keeps the change.
     """
 
     def __init__(
@@ -88,16 +91,19 @@ class RibsSearch(Strategy):
         sigma: float = 0.02,
         learning_rate: float = 0.1,
         threshold_min: float = -2.0,
+        max_change: float = MAX_CHANGE,
     ) -> None:
         self.options = checked_options(locals(), RibsSearch.__init__)
         if algorithm not in ALGORITHMS:
             raise ValueError(f"algorithm must be one of {', '.join(ALGORITHMS)}, got {algorithm!r}")
         self._axes = tuple(FEATURES[name] for name in axes.split(","))
         self._map_check = MapCheck(map_size, None)
+        self._max_change = max_change
         self._roads = RandomRoads(
-            map_size=(values + 0.5) * STEP,
+            map_size=map_size,
             length_jitter=0,
-            max_length=values,
+            usual_length=values,
+            max_change=max_change,
             is_valid=self._map_check,
             max_redraws=100,
         )
@@ -124,7 +130,7 @@ class RibsSearch(Strategy):
         self._driven = 0
         self._best: tuple[float, FloatArray] | None = None
         self._ledger = Ledger()
-        self._batch = _Batch(np.empty((0, values)), len(self._axes))
+        self._batch = _Batch(np.empty((0, values)), len(self._axes), max_change)
         self._waiting: deque[int] = deque()
         """Rows of the batch that are not proposed yet."""
         self._rows: dict[int, tuple[_Batch, int]] = {}
@@ -141,7 +147,7 @@ class RibsSearch(Strategy):
         if not self._waiting:
             return self._ledger.issue(self._roads.draw(self._rng), STEP, Origin(RANDOM))
         row = self._waiting.popleft()
-        candidate = self._ledger.issue(self._batch.solutions[row], STEP, Origin(self._algorithm))
+        candidate = self._ledger.issue(self._batch.roads[row], STEP, Origin(self._algorithm))
         self._rows[candidate.id] = self._batch, row
         return candidate
 
@@ -173,11 +179,9 @@ class RibsSearch(Strategy):
             with warnings.catch_warnings():  # pyribs warns of tight bounds
                 warnings.simplefilter("ignore", UserWarning)
                 solutions = np.asarray(self._emitter.ask())
-            self._batch = _Batch(solutions, len(self._axes))
+            self._batch = _Batch(solutions, len(self._axes), self._max_change)
             self._waiting.extend(
-                row
-                for row, solution in enumerate(self._batch.solutions)
-                if self._map_check(solution, STEP)
+                row for row, road in enumerate(self._batch.roads) if self._map_check(road, STEP)
             )
             if self._waiting:
                 return
@@ -216,7 +220,7 @@ class RibsSearch(Strategy):
         }
         if len(driven):
             added = self._archive.add(
-                batch.solutions[driven], batch.objective[driven], batch.measures[driven]
+                batch.roads[driven], batch.objective[driven], batch.measures[driven]
             )
             for name, values in info.items():
                 values[driven] = added[name]
@@ -253,8 +257,12 @@ class RibsSearch(Strategy):
 class _Batch:
     """Roads that an emitter draws together, and their results."""
 
-    def __init__(self, solutions: FloatArray, measures: int) -> None:
+    def __init__(self, solutions: FloatArray, measures: int, max_change: float) -> None:
         self.solutions = solutions
+        self.roads = solutions.copy()
+        """Solutions with changes of at most `max_change`, in 1/m."""
+        for road in self.roads:
+            limit_changes(road, 0, max_change)
         self.objective = np.full(len(solutions), REFUSED)
         self.measures = np.zeros((len(solutions), measures))
 
