@@ -42,8 +42,8 @@ from frenetic.search.random_roads import (
     MAX_LENGTH,
     RandomRoads,
     Size,
+    length_in_class,
     size_and_step,
-    usual_length,
 )
 from frenetic.search.records import Candidate, Evaluation, Origin
 from frenetic.search.scouting import Scouting
@@ -189,13 +189,12 @@ class Frenetic(Strategy):
         usual = min(int(_LENGTH_PER_MAP_SIDE * map_size / step), max_length)
         self._usual_length = max(usual, MIN_VALUES)
         if road_class is not None:
-            self._usual_length = usual_length(road_class)
+            self._usual_length = length_in_class(road_class)
         self._map_check = MapCheck(map_size, is_valid, road_class)
-        # RandomRoads derives its usual length from a map's size; roads are checked by the real map.
         self._roads = RandomRoads(
-            map_size=(self._usual_length + 0.5) * step,
+            map_size=map_size,
             step=step,
-            max_length=self._usual_length,
+            usual_length=self._usual_length,
             max_change=max_change,
             is_valid=self._map_check,
             max_redraws=_MAX_REDRAWS,

@@ -136,6 +136,8 @@ class Frenetic2021(Strategy):
         step: m between two curvature values.
         length_jitter: Largest deviation of a random road from the usual number of values.
         max_length: Largest usual number of values of a random road, before the jitter.
+        usual_length: Usual number of values of a random road; by default the map's side divided by
+            the step, at most `max_length`.
         min_changed: Least number of values that P1 to P5 add, remove or replace.
         max_changed: Largest number of values that P1 to P5 add, remove or replace.
         min_scale: Least factor of P6.
@@ -175,6 +177,7 @@ class Frenetic2021(Strategy):
         step: Positive | None = None,
         length_jitter: Jitter = LENGTH_JITTER,
         max_length: Size = MAX_LENGTH,
+        usual_length: Size | None = None,
         min_changed: Count = PAPER_OPTIONS.min_changed,
         max_changed: Count = PAPER_OPTIONS.max_changed,
         min_scale: Positive = PAPER_OPTIONS.min_scale,
@@ -200,6 +203,7 @@ class Frenetic2021(Strategy):
             step=step,
             length_jitter=length_jitter,
             max_length=max_length,
+            usual_length=usual_length,
             curvature_bound=curvature_bound,
             max_change=max_change,
             is_valid=is_valid,

@@ -61,9 +61,11 @@ _Draw = TypeVar("_Draw", "FloatArray", "FloatArray | None")
 class RandomRoads:
     """Draws roads as the random phase of Listing 1 does, or roads of a road class.
 
-    A road has min(map_size // step, max_length) + U{-length_jitter .. length_jitter} values, at
-    least 2, each drawn as `operators.next_curvature` says. A road of a class is about as long as
-    the class says; it consists of straights, clothoids and arcs that keep the rules of the class.
+    A road has min(map_size // step, max_length) + U{-length_jitter .. length_jitter} values, or
+    `usual_length` in place of the first term, at least 2. Each is drawn as
+    `operators.next_curvature` says, or as the road's family does, see `road_families`. A road of a
+    class is about as long as the class says; it consists of straights, clothoids and arcs that keep
+    the rules of the class.
 
     The paper moves a road that sticks out of the map, and discards it if it still does not fit
     (Section I-B). It does not check whether a road is valid before it sends it to the pipeline
@@ -75,6 +77,7 @@ class RandomRoads:
         step: m between two curvature values.
         length_jitter: Largest deviation from the usual number of values.
         max_length: Largest usual number of values, before the jitter.
+        usual_length: Usual number of values, before the jitter; it replaces `max_length`.
         curvature_bound: 1/m, largest absolute value.
         max_change: 1/m, largest difference of neighbouring values.
         is_valid: Refuses roads that are not worth a test; by default those that do not fit the map
@@ -94,6 +97,7 @@ class RandomRoads:
         step: Positive = STEP,
         length_jitter: Jitter = LENGTH_JITTER,
         max_length: Size = MAX_LENGTH,
+        usual_length: Size | None = None,
         curvature_bound: Positive = CURVATURE_BOUND,
         max_change: Positive = MAX_CHANGE,
         is_valid: RoadCheck | None = None,
@@ -106,12 +110,14 @@ class RandomRoads:
         self._map_size = map_size
         self._length_jitter = length_jitter
         self._usual_length = min(int(map_size // step), max_length)
+        if usual_length is not None:
+            self._usual_length = usual_length
         self._road_class = road_class
         self.limits = np.array([curvature_bound, max_change])
         """Bound and largest change of values, (2,) in 1/m; in a class (4,), `RoadClass.limits`."""
         if road_class is not None:
             self.step = road_class.step
-            self._usual_length = usual_length(road_class)
+            self._usual_length = length_in_class(road_class)
             self.limits = road_class.limits(self.step)
         self._map_check = MapCheck(map_size, is_valid, road_class)
         self._max_redraws = max_redraws
@@ -321,6 +327,6 @@ def size_and_step(
     return road_class.map_size if map_size is None else map_size, road_class.step
 
 
-def usual_length(road_class: RoadClass) -> int:
+def length_in_class(road_class: RoadClass) -> int:
     """Return the usual number of values of a class's roads."""
     return max(round(road_class.length / road_class.step) + 1, MIN_VALUES)

@@ -29,6 +29,8 @@ class RandomSearch(Strategy):
         map_size: m, side of the square map.
         step: m between two curvature values.
         max_length: Largest usual number of values; a road has up to five more or fewer.
+        usual_length: Usual number of values; by default the map's side divided by the step, at most
+            `max_length`.
         is_valid: Refuses roads that are not worth a test, see `RandomRoads`.
         max_redraws: How often a refused road is drawn again.
         road_class: Class of the roads, see `Strategy.road_class`.
@@ -49,6 +51,7 @@ class RandomSearch(Strategy):
         map_size: Positive | None = None,
         step: Positive | None = None,
         max_length: Size = MAX_LENGTH,
+        usual_length: Size | None = None,
         is_valid: RoadCheck | None = None,
         max_redraws: Index = MAX_REDRAWS,
         road_class: RoadClass | None = None,
@@ -64,6 +67,7 @@ class RandomSearch(Strategy):
             map_size=map_size,
             step=step,
             max_length=max_length,
+            usual_length=usual_length,
             is_valid=is_valid,
             max_redraws=max_redraws,
             road_class=road_class,
