@@ -43,9 +43,9 @@ def require_refusal(answer: Answer, *words: str) -> None:
 
 
 def test_run_prints_a_summary_and_leaves_roads_and_pictures(frenetic: Frenetic) -> None:
-    answer = frenetic("run", "--simulations", "30", "--seed", "3", "--out", "mine")
+    answer = frenetic("run", "--simulations", "60", "--seed", "3", "--out", "mine")
     assert answer.code == 0
-    for words in ("30 simulations", "of them distinct", "frenetic show mine ", "cut to "):
+    for words in ("60 simulations", "of them distinct", "frenetic show mine ", "cut to "):
         assert words in answer.out
     (road,) = re.findall(r"frenetic drive (\S+)", answer.out)
     assert frenetic("drive", road).out.startswith("FAIL")

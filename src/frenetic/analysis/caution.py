@@ -8,6 +8,7 @@ from typing import Any, Final
 from frenetic._support.words import counted
 from frenetic.campaign.store import CampaignStore
 from frenetic.oracle.outcome import Outcome
+from frenetic.search.road_families import FAMILIES
 
 _MIN_RANDOM_ROADS: Final = 10  # least number of random roads for a caution (our choice)
 _DOUBTFUL_SHARE: Final = 0.95  # failing share of random roads that calls for a caution (our choice)
@@ -44,11 +45,14 @@ def _time_caution(store: CampaignStore) -> str:
 def _random_roads_caution(store: CampaignStore) -> str:
     """Return a warning if nearly all random roads failed, or nothing did."""
     rows = store.rows(
-        "SELECT id, outcome FROM test WHERE operator = 'random' AND fault IS NULL AND outcome IN"
-        " ('PASS', 'FAIL')"
+        "SELECT id, outcome, operator FROM test WHERE fault IS NULL AND outcome IN ('PASS', 'FAIL')"
     )
     repeats = store.repeats()
-    counts = Counter(outcome for number, outcome in rows if number not in repeats)
+    counts = Counter(
+        outcome
+        for number, outcome, operator in rows
+        if operator in FAMILIES and number not in repeats
+    )
     failed, driven = counts["FAIL"], counts.total()
     if driven < _MIN_RANDOM_ROADS:
         return ""

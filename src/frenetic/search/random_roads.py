@@ -196,9 +196,18 @@ class RandomRoads:
 
         Args:
             rng: Generator that draws the road.
-            family: Family of a road without a class, see `FAMILIES`.
+            family: Family of a road without a class, see `FAMILIES`. If all its draws are refused,
+                the usual random roads are drawn.
         """
-        return self.redraw_until_valid(lambda: self.draw_once(rng, family=family))
+        draws = [
+            name for name in dict.fromkeys((family, RANDOM)) for _ in range(1 + self._max_redraws)
+        ]
+        for name in draws[:-1]:
+            values = self.draw_once(rng, family=name)
+            if self.accepts(values):
+                return values
+        return self.draw_once(rng, family=draws[-1])
+        return values
 
     def valid(self, rng: np.random.Generator) -> Iterator[Road]:
         """Draw roads, fit them into the map, and yield those that are valid there.

@@ -178,7 +178,7 @@ def step_cars(
         ds, lane_width = roads[k, 0], roads[k, 1]
         i, state, before = steps[k], states[k], places[k, 0]
         write_record(records[k], i, states, inputs, k)
-        end, s, offset, heading_error, share = observe(
+        end, s, road_offset, heading_error, share = observe(
             table,
             ds,
             lane_width,
@@ -191,6 +191,7 @@ def step_cars(
             ahead,
             curvature_ahead,
         )
+        offset = road_offset + 0.5 * lane_width  # from the ego lane's centre
         limit = limit_at(limits[k], s)
         write_vector(
             state[SPEED],

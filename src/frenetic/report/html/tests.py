@@ -22,8 +22,9 @@ from frenetic.report.failures import FAILURES, file_stem
 from frenetic.report.minimised import MINIMISED, minimised_drives
 from frenetic.report.orientation import turn_of
 from frenetic.road import Road, profile
-from frenetic.search.operator_names import OPERATOR_DESCRIPTIONS, RANDOM
+from frenetic.search.operator_names import OPERATOR_DESCRIPTIONS
 from frenetic.search.records import Origin
+from frenetic.search.road_families import FAMILIES
 from frenetic.segments.segment import Segment
 
 RATE: Final = 10.0
@@ -82,7 +83,7 @@ class TestSummary:
             id=candidate.id,
             outcome=record.outcome,
             moobd=record.moobd,
-            is_random=candidate.origin.operator == RANDOM,
+            is_random=candidate.origin.operator in FAMILIES,
             conditions=candidate.conditions,
             side=None if departure is None else departure.side,
             criteria=", ".join(criteria) or None,

@@ -31,6 +31,7 @@ from frenetic.oracle.drive_assessment import (
 from frenetic.road import Road
 from frenetic.simulators.drive_loop import ObservedCar, most_records
 from frenetic.simulators.embedded import rollout as kernels
+from frenetic.simulators.embedded.rollout import write_record
 from frenetic.simulators.embedded.single_track import (
     ASKED,
     BRAKE,
@@ -108,7 +109,7 @@ def advance_to_record(
         s_before, largest = rows[i - 1, _ASSESSED + DISTANCE], rows[i - 1, _LARGEST_SHARE]
         steps = int(seconds / kernels.STEP + 0.5)
         advance(states, car_inputs, grounds, np.zeros(1, np.int64), kernels.STEP, steps)
-    kernels.write_record(rows, i, states, car_inputs, 0)
+    write_record(rows, i, states, car_inputs, 0)
     lane_width = numbers[_LANE_WIDTH]
     end, s, d, heading_error, share = observe(
         table,
