@@ -113,12 +113,14 @@ def test_a_failure_within_the_usual_change_ends_sharper_roads() -> None:
         limit.choose(rng, 10, has_failures=False)
         shares.append(limit.is_lifted)
     assert 70 < sum(shares) < 130
-    limit.learn_failure(np.array([0.0, 0.07, -0.07]))
+    limit.learn_failure(np.array([0.0, 0.07, -0.07]), 10)
     limit.choose(rng, 10, has_failures=True)
     assert limits[1] == 2.0 * CURVATURE_BOUND
-    limit.learn_failure(np.array([0.0, 0.05, 0.0]))
-    limit.choose(rng, 10, has_failures=True)
+    limit.learn_failure(np.array([0.0, 0.05, 0.0]), 11)
+    limit.choose(rng, 20, has_failures=True)
     assert limits[1] == MAX_CHANGE
+    assert not limit.has_lifted(20)
+    assert limit.has_lifted(21)
 
 
 def test_the_search_begins_sooner_than_random_roads() -> None:

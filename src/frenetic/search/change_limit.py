@@ -9,20 +9,20 @@ import numpy as np
 from frenetic._support.arrays import FloatArray
 
 # The values are our choice.
-_SHARP_SHARE = 0.5  # share of sharper roads while no failure is known
+_SHARP_SHARE = 0.5  # share of roads that may be sharper
 _ROUNDING: Final = 1e-9  # [1/m] by which a change may exceed its limit
 
 
 class ChangeLimit:
-    """Lets roads bend faster when no road within the usual change has failed for long.
+    """Lets roads bend faster while no road within the usual change fails.
 
-    Roads within the usual change come first. If no road has failed after some drives, half of the
-    roads may change by any amount within the bound, as the competition's rules allow. If one of
-    these fails, all may; as soon as a road within the usual change fails, none may any more.
+    Roads within the usual change come first. If none of them has failed in the last drives, half of
+    the roads may change by any amount within the bound, as the competition's rules allow; all may
+    if only such roads have ever failed. The next failure within the usual change ends this.
 
     Args:
         limits: Bound and largest change of values, (2,) in 1/m; the change is overwritten.
-        sharper_after: Drives after which the change is lifted if no road has failed.
+        sharper_after: Drives without such a failure after which roads may bend faster.
     """
 
     def __init__(self, limits: FloatArray, sharper_after: int) -> None:
@@ -30,7 +30,9 @@ class ChangeLimit:
         self.usual_change = float(limits[1])
         """Largest change of usual roads, in 1/m."""
         self._sharper_after = sharper_after
-        self._has_failed_within = False  # whether a road within the usual change has failed
+        self._last_failure = 0  # drives up to the last failure within the usual change
+        self.has_failed_within = False
+        """Whether a road within the usual change has failed."""
         self.is_lifted = False
         """Whether the next road may be sharper."""
 
@@ -42,17 +44,20 @@ class ChangeLimit:
             drives: Number of drives so far.
             has_failures: Whether any road has failed.
         """
-        self.is_lifted = self.has_lifted(drives) and (has_failures or rng.random() < _SHARP_SHARE)
+        fails_only_if_sharp = has_failures and not self.has_failed_within
+        self.is_lifted = self.has_lifted(drives) and (
+            fails_only_if_sharp or rng.random() < _SHARP_SHARE
+        )
         self._limits[1] = 2.0 * self._limits[0] if self.is_lifted else self.usual_change
 
     def has_lifted(self, drives: int) -> bool:
         """Return whether sharper roads are tried after so many drives."""
-        return drives >= self._sharper_after and not self._has_failed_within
+        return drives - self._last_failure >= self._sharper_after
 
-    def learn_failure(self, curvatures: FloatArray) -> None:
-        """Learn that a road of these curvatures, (n,) in 1/m, has failed."""
+    def learn_failure(self, curvatures: FloatArray, drives: int) -> None:
+        """Learn that a road of these curvatures, (n,) in 1/m, failed in the last of the drives."""
         if largest_change(curvatures) <= self.usual_change + _ROUNDING:
-            self._has_failed_within = True
+            self.has_failed_within, self._last_failure = True, drives
 
 
 def largest_change(curvatures: FloatArray) -> float:

@@ -110,8 +110,8 @@ class Frenetic(Strategy):
     30 m after it (in a road class 4.6 s of driving before it, and a third of that after it).
     Elsewhere their road is random.
 
-    The curvature changes by at most `max_change` from value to value. If no road has failed after
-    `sharper_after` drives, half of the roads may change by more, see `ChangeLimit`.
+    The curvature changes by at most `max_change` from value to value. If no such road has failed in
+    the last `sharper_after` drives, half of the roads may change by more, see `ChangeLimit`.
 
     A failure is new if it differs from all known failures by 2 m or more, and partly new above 1 m.
 
@@ -143,8 +143,8 @@ class Frenetic(Strategy):
         max_length: Largest usual number of values of a road; it has up to five more or fewer.
         max_change: 1/m, largest change of the curvature from value to value; the paper's by
             default. A road class has its own.
-        sharper_after: Drives without a failure after which roads are tried, too, that change by
-            more, up to what the competition calls valid.
+        sharper_after: Drives without a failure of such roads after which roads are tried, too, that
+            change by more, up to what the competition calls valid.
         is_valid: Refuses roads that are not worth a test; by default those that do not fit the map
             or that the competition calls invalid.
         road_class: Class of the roads, see `Strategy.road_class`; it replaces step and lengths.

@@ -199,15 +199,12 @@ class RandomRoads:
             family: Family of a road without a class, see `FAMILIES`. If all its draws are refused,
                 the usual random roads are drawn.
         """
-        draws = [
-            name for name in dict.fromkeys((family, RANDOM)) for _ in range(1 + self._max_redraws)
-        ]
-        for name in draws[:-1]:
+        names = list(dict.fromkeys((family, RANDOM)))
+        for name in np.repeat(names, 1 + self._max_redraws).tolist()[:-1]:
             values = self.draw_once(rng, family=name)
             if self.accepts(values):
                 return values
-        return self.draw_once(rng, family=draws[-1])
-        return values
+        return self.draw_once(rng, family=names[-1])  # the last draw needs no verdict
 
     def valid(self, rng: np.random.Generator) -> Iterator[Road]:
         """Draw roads, fit them into the map, and yield those that are valid there.

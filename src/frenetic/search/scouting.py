@@ -58,12 +58,12 @@ class Scouting:
         """Warning that no road has failed, or only sharp ones; None if there is no such warning."""
         parents, limit = self._parents, self._change_limit
         if limit is not None and limit.has_lifted(parents.drives):
-            within = (
-                f"no failure on roads that change by at most {limit.usual_change:g} 1/m a value"
-            )
+            usual = f"roads whose curvature changes by at most {limit.usual_change:g} 1/m a value"
+            if limit.has_failed_within:
+                return f"no failure on {usual} for long: roads that bend faster are tried, too"
             if self._archive.has_failures:
-                return f"{within}: those that fail bend faster"
-            return f"{within}: roads that bend faster are tried, too"
+                return f"no failure on {usual}: those that fail bend faster"
+            return f"no failure on {usual}: roads that bend faster are tried, too"
         if not parents.drives or self._archive.has_failures:
             return None
         if not parents.is_moobd or parents.lowest < 0.0:
@@ -92,4 +92,4 @@ class Scouting:
             progress = self._parents.progress(evaluation.fitness)
             self._families.learn(operator, max(novelty, progress))
         if self._change_limit is not None and evaluation.outcome is Outcome.FAIL:
-            self._change_limit.learn_failure(candidate.curvatures)
+            self._change_limit.learn_failure(candidate.curvatures, self._parents.drives)
