@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 import sqlite3
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import closing, nullcontext
 from dataclasses import replace
 from functools import partial
@@ -67,7 +67,7 @@ def make_test(id: int, outcome: Outcome | None = None, result_number: int | None
         departure = Finding("lane", 0.97, 0.95, "left", 12.5, 118.25, 50.0, 60.0)
         findings = (departure,) if outcome is Outcome.FAIL else ()
         moobd = 0.5 - ((id * 37) % 11) / 10.0
-        result = Result(outcome, result.reason, moobd, 120.5, 0.5, 24.95, findings)
+        result = Result(outcome, result.reason, moobd, 120.5, 0.5, 24.95, 131.5, findings)
         pose, path = Pose(10.0 + id, 20.0, np.pi / 3), make_trajectory(id)
     return Test(
         candidate=make_candidate(id),
@@ -147,6 +147,7 @@ FULL = Test(
         120.5,
         0.97,
         24.95,
+        131.5,
         (
             Finding("lane", 0.97, 0.95, "left", 12.5, 118.25, 50.0, 60.0),
             Finding("speed", 21.5, 19.4, None, 13.0, 121.0, 51.0, 61.5),
@@ -286,6 +287,14 @@ def test_a_campaign_without_recorded_terms_can_be_read(folder: Path) -> None:
 Candidates: TypeAlias = list[tuple[Candidate, int]]
 
 
+def in_turn(values: Iterable[float | None]) -> float:
+    """Return the sum of values, added in turn as a campaign does; `sum` may round less often."""
+    total = 0.0
+    for value in values:
+        total += value or 0.0
+    return total
+
+
 def require_same(store: CampaignStore, candidates: Candidates, results: list[Test]) -> None:
     """Require that a store holds these candidates and results, in this order, and no others."""
     expected = [as_read(test) for test in results]
@@ -305,6 +314,8 @@ def require_same(store: CampaignStore, candidates: Candidates, results: list[Tes
         [moobd for is_missing, moobd in moobds if not is_missing], default=None
     )
     assert counts.roads == sum(test.outcome.is_test for test in results)
+    assert counts.driven_metres == in_turn(test.result.distance for test in results)
+    assert counts.simulated_seconds == in_turn(test.result.duration for test in results)
     assert store.elapsed() == max((test.elapsed for test in results), default=0.0)
     assert store.stored() == len(results)
     for test in results[-1:]:
@@ -538,8 +549,8 @@ def foreign_database(path: Path, application_id: int, version: int) -> bytes:
     [
         ((0, 0), "is not a campaign's database"),
         ((42, FORMAT), "is not a campaign's database"),
-        ((APPLICATION_ID, FORMAT - 1), "has format 7, .* reads format 8: use the version"),
-        ((APPLICATION_ID, FORMAT + 1), "has format 9, .* reads format 8: use the version"),
+        ((APPLICATION_ID, FORMAT - 1), "has format 8, .* reads format 9: use the version"),
+        ((APPLICATION_ID, FORMAT + 1), "has format 10, .* reads format 9: use the version"),
         (b"no database at all" * 500, "is not a database"),
         (b"", "is not a campaign's database"),
         (b"SQLite format 3\0" + b"x" * 84, "is not a"),

@@ -68,6 +68,7 @@ def expected(test: Test) -> dict[str, Any]:
         **dict.fromkeys(NAMES),
         "moobd": result.moobd,
         "moobd_distance": result.moobd_distance,
+        "distance": result.distance,
         "max_oob_share": result.max_oob_share,
         "objective": test.objective,
         "duration": result.duration and round(result.duration, 6),

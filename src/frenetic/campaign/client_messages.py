@@ -93,6 +93,9 @@ class ClientResult(Struct, forbid_unknown_fields=True):
     """Largest share of the car's box outside its lane."""
     duration: NotNegative | None = None
     """Simulated time of the drive, in s."""
+    distance: NotNegative | None = None
+    """Length of the road from its start to where the drive ended, in m; by default it
+    follows from the records."""
     records: Records | None = None
     """The whole drive, for reports and for strategies that learn from it."""
     budget_spent: Share | None = None
@@ -127,6 +130,7 @@ class ClientResult(Struct, forbid_unknown_fields=True):
             self.place if outcome.is_driven else None,
             self.oob_share if outcome.is_driven else None,
             self.duration if self.duration is not None or path is None else float(path.time[-1]),
+            self._driven_distance(road, path),
             tuple(findings),
         )
         attempt = Attempt(
@@ -139,6 +143,13 @@ class ClientResult(Struct, forbid_unknown_fields=True):
             reported_share=self.budget_spent,
         )
         return attempt.pack(keep_exact=True)
+
+    def _driven_distance(self, road: Road, path: Trajectory | None) -> float | None:
+        """Return the length of the road up to where the drive ended, in m; None if unknown."""
+        distance = self.distance
+        if distance is None and path is not None:
+            distance = float(road.track(np.column_stack((path.x, path.y)))[-1, 0])
+        return None if distance is None else min(max(distance, 0.0), road.length)
 
 
 def read_request(line: str) -> tuple[str, Any]:

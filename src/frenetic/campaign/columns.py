@@ -227,6 +227,13 @@ RESULT_COLUMNS: Final = (
         "max_oob_share", "result.max_oob_share", "REAL", "largest share of the car outside its lane"
     ),
     Column("duration", "result.duration", "REAL", "simulated time of the drive", "s"),
+    Column(
+        "distance",
+        "result.distance",
+        "REAL",
+        "length of the road from its start to where the drive ended",
+        "m",
+    ),
     Column("fault", "result.fault", "JSON", "part whose code broke, and where"),
     Column("objective", "objective", "REAL", "value of the objective, unless it is the MOOBD"),
     Column("seconds", "seconds", "REAL", "wall time of the test", "s"),

@@ -25,7 +25,7 @@ from frenetic.errors import CampaignError
 
 DATABASE: Final = "campaign.sqlite"
 """Name of the database in a campaign's folder."""
-FORMAT: Final = 8
+FORMAT: Final = 9
 """Format of the database (`PRAGMA user_version`); a database of another format is refused."""
 APPLICATION_ID: Final = int.from_bytes(b"FrnC")
 """Number that marks a SQLite file as a campaign of ours (`PRAGMA application_id`)."""

@@ -54,7 +54,7 @@ _COLUMN_ORDER: Final = """
     id result_number outcome reason operator parents generation
     length max_curvature largest_change curvatures step x y heading
     superelevation grade widening speed_limits
-    moobd moobd_distance max_oob_share objective duration
+    moobd moobd_distance max_oob_share objective duration distance
     departure_time departure_distance departure_x departure_y departure_side
     seconds elapsed attempts worker budget_spent finished_at
     repeat source notes fault records

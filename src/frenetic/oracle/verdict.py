@@ -107,6 +107,9 @@ class Result:
     """Largest share 0..1 of the car's box outside the ego lane; None without a MOOBD."""
     duration: NotNegative | None = None
     """Simulated time until the drive ended, in s; None if nothing was driven."""
+    distance: NotNegative | None = None
+    """Length of the road from its start to where the drive ended, in m; None if nothing was driven
+    or followed along the road, as when the simulator broke."""
     findings: tuple[Finding, ...] = ()
     """Breaches of the criteria, in the order of time."""
     fault: Fault | None = None
@@ -144,10 +147,11 @@ def judge(road: Road, drive: Drive) -> Result:
         return result
     assessment = assess(road, drive, has_all_shares=False)
     duration = float(drive.trajectory.time[len(assessment.distance) - 1])
+    distance = min(max(float(assessment.distance[-1]), 0.0), road.length)
     end = _drive_end(road, drive, assessment)
     if end is None:
         reason = f"The simulator stopped after {duration:.1f} s, before the drive had ended"
-        return Result(Outcome.ERROR, reason, duration=duration)
+        return Result(Outcome.ERROR, reason, duration=duration, distance=distance)
     outcome, reason, findings = end.outcome, end.reason, end.findings
     if drive.rules.criteria:
         try:
@@ -165,6 +169,7 @@ def judge(road: Road, drive: Drive) -> Result:
         moobd_distance=float(assessment.distance[least]),
         max_oob_share=float(assessment.oob_share.max()),
         duration=duration,
+        distance=distance,
         findings=findings,
         fault=end.fault,
     )
