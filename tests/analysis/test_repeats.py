@@ -221,7 +221,7 @@ def test_counts_of_tests_name_the_repeats(
         assert [t.id for t in store.tests(limit=3, with_repeats=False)] == [1, 2, 3]
         added = Counts()
         for test in store.tests():
-            added.add(test.candidate, test.outcome, test.moobd)
+            added.add(test.candidate, test.result)
     assert added == counts
     assert (counts.repeats, counts.failing_repeats) == (len(repeated_ids), failing)
     assert counts.failures == len(failed)

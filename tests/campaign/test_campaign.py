@@ -31,6 +31,7 @@ from frenetic.campaign.workers.workers import InProcessWorker
 from frenetic.drivers import Controls, Delayed, Driver, Observation, Planner
 from frenetic.errors import StrategyError
 from frenetic.oracle.outcome import Outcome
+from frenetic.oracle.verdict import Result
 from frenetic.road import Road
 from frenetic.search import (
     Candidate,
@@ -43,6 +44,7 @@ from frenetic.search import (
 )
 from frenetic.simulators import EmbeddedSimulator, Rules
 from frenetic.spec import Spec
+from frenetic.spec.budget import LIMITS
 from frenetic.spec.terms import Terms
 from frenetic.testing import DummyDriver
 
@@ -477,11 +479,13 @@ def test_options_are_checked_before_anything_is_written(
 @pytest.mark.parametrize(
     ("limits", "message"),
     [
-        ({}, "the budget limits nothing: give simulations, time or failures"),
+        ({}, "the budget limits nothing: give simulations, time, failures, kilometres or"),
         ({"simulations": 0}, f"simulations is 0: {COUNT} is needed"),
         ({"failures": -1}, f"failures is -1: {COUNT} is needed"),
         ({"time": -1.0}, "time is -1.0: a positive number of seconds is needed"),
         ({"time": float("inf")}, "time is inf: a positive number of seconds is needed"),
+        ({"kilometres": 0.0}, "kilometres is 0.0: a positive number of kilometres is needed"),
+        ({"simulated_time": -5.0}, "simulated_time is -5.0: a positive number of seconds is"),
         *(({name: bad}, "") for name, bad in [("simulations", 2.5), ("failures", True)]),
     ],
 )
@@ -495,11 +499,17 @@ def test_a_wrong_budget_is_refused_from_python_and_from_a_record(
 
 
 def test_the_largest_spent_share_of_a_budget_counts() -> None:
-    budget = Budget(simulations=100, time=50.0, failures=4)
-    assert [budget.spent(*spent) for spent in ((10, 1.0, 0), (10, 25.0, 0), (10, 25.0, 3))] == [
-        *(0.1, 0.5, 0.75)
-    ]
-    assert budget.spent(0, 70.0, 0) == 1.0
+    budget = Budget(simulations=100, time=50.0, failures=4, kilometres=20.0, simulated_time=1e3)
+
+    def spent(*amounts: float) -> float:
+        return budget.spent(dict(zip(LIMITS, amounts, strict=True)))
+
+    assert spent(10, 1.0, 0, 1.0, 10.0) == 0.1
+    assert spent(10, 25.0, 0, 1.0, 10.0) == 0.5
+    assert spent(10, 25.0, 3, 1.0, 10.0) == 0.75
+    assert spent(10, 25.0, 3, 16.0, 10.0) == 0.8
+    assert spent(10, 25.0, 3, 16.0, 900.0) == 0.9
+    assert spent(0, 70.0, 0, 0.0, 0.0) == 1.0
 
 
 def test_numbers_of_numpy_give_the_same_campaign(tmp_path: Path) -> None:
@@ -618,9 +628,9 @@ def test_a_driver_that_takes_most_of_the_time_is_named_slow() -> None:
 
 def test_a_snapshot_of_a_summary_refuses_more_results() -> None:
     candidate = Candidate(1, np.array([0.0, 0.01]), 10.0, Origin("random"))
-    summary = Summary()
-    summary.add(candidate, Outcome.PASS, 1.5)
+    summary, passed = Summary(), Result(Outcome.PASS, "", 1.5)
+    summary.add(candidate, passed)
     with pytest.raises(RuntimeError, match="add to the original"):
-        summary.snapshot(1.0).add(candidate, Outcome.PASS, 1.5)
-    summary.add(candidate, Outcome.PASS, 1.5)
+        summary.snapshot(1.0).add(candidate, passed)
+    summary.add(candidate, passed)
     assert (summary.tests, summary.roads, summary.repeats) == (2, 1, 1)

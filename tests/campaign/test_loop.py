@@ -20,6 +20,7 @@ from events import on_result
 from faulty import Straight, Uneven
 
 from frenetic.campaign import Budget, Campaign, CampaignStore, Event, Summary
+from frenetic.campaign.counts import Counts
 from frenetic.campaign.log import CampaignLog
 from frenetic.campaign.loop import MAX_ERRORS_IN_A_ROW
 from frenetic.campaign.record import Attempt
@@ -34,6 +35,7 @@ from frenetic.testing import DummyDriver, DummySimulator
 Choose = Callable[[list[int]], Sequence[int]]
 """Ids of the candidates that are being driven -> ids of those that finish now, in this order."""
 ASLEEP = "fake was lost: it fell asleep"
+REASON = "as it was to be"
 
 
 class Families(Strategy):
@@ -100,6 +102,14 @@ class Families(Strategy):
         return [number for number, result in self.told if result is outcome]
 
 
+def result_of(number: int, outcome: Outcome) -> Result:
+    """Return the result of a candidate; its drive is so long and takes so long as its id says."""
+    if not outcome.is_driven:
+        return Result(outcome, REASON)
+    duration, distance = 7.3 + number % 5, 90.7 + 11.0 * (number % 7)
+    return Result(outcome, REASON, -1.0 / number, duration=duration, distance=distance)
+
+
 class FakeWorkers:
     """Workers that finish in the order that a test chooses, and are lost where it wants.
 
@@ -144,8 +154,7 @@ class FakeWorkers:
             return Attempt.lost(number, "fake", 0.0, Trouble(ASLEEP))
         if number not in self.answered:
             self.answered.append(number)
-        moobd = -1.0 / number if (outcome := self.outcome_of(number)).is_driven else None
-        return replace(Attempt(number, Result(outcome, "as it was to be", moobd)), worker="fake")
+        return replace(Attempt(number, result_of(number, self.outcome_of(number))), worker="fake")
 
     def __enter__(self) -> Self:
         return self
@@ -187,9 +196,9 @@ def search_in_order(
     """Ask and tell a strategy as a campaign does in order, without workers."""
     waiting: deque[Candidate] = deque()
     most_simulations = budget.simulations or 1_000
-    simulations = failures = 0
-    while (share := budget.spent(simulations, 0.0, failures)) < 1.0:
-        while len(waiting) < max_in_flight and simulations + len(waiting) < most_simulations:
+    counts, share = Counts(), 0.0
+    while share < 1.0:
+        while len(waiting) < max_in_flight and counts.simulations + len(waiting) < most_simulations:
             try:
                 candidate = strategy.ask()
             except SearchEnded:
@@ -203,9 +212,8 @@ def search_in_order(
         outcome = Outcome.ERROR if losses.get(oldest.id, 0) > 1 else strategy.outcome_of(oldest.id)
         if not strategy.is_wanted(oldest):
             outcome = Outcome.DROPPED
-        simulations += outcome.is_simulated
-        failures += outcome is Outcome.FAIL
-        share = budget.spent(simulations, 0.0, failures)
+        counts.add(oldest, result_of(oldest.id, outcome))
+        share = budget.spent(counts.amounts(0.0))
         strategy.tell(Evaluation(oldest, outcome, None, share))
 
 
@@ -236,8 +244,10 @@ class Chance:
         has_losses = rng.random() < 0.5
         self.losses = {n: rng.choice([0, 0, 0, 1, 2]) for n in range(1, 1000)} if has_losses else {}
         simulations, failures = rng.randint(1, 40), rng.randint(1, 9)
-        budgets = [Budget(simulations=simulations), Budget(failures=failures)]
-        self.budget = rng.choice([*budgets, Budget(simulations=simulations, failures=failures)])
+        limits: list[dict[str, Any]] = [{"simulations": simulations}, {"failures": failures}]
+        limits.append({"kilometres": rng.uniform(0.1, 4.0), "simulations": 300})
+        limits.append({"simulated_time": rng.uniform(5.0, 400.0), "simulations": 300})
+        self.budget = Budget(**rng.choice([*limits, limits[0] | limits[1], limits[2] | limits[1]]))
         self.is_broken_off = rng.random() < 0.5
         self.most_workers = 0
         self.fakes: list[FakeWorkers] = []
@@ -287,7 +297,7 @@ class Chance:
             else:
                 assert test.attempts == 1 + min(losses, 1)
                 assert (test.outcome is Outcome.ERROR) == (losses > 1)
-                assert test.reason == (ASLEEP if losses > 1 else "as it was to be")
+                assert test.reason == (ASLEEP if losses > 1 else REASON)
 
 
 @pytest.mark.parametrize(

@@ -9,6 +9,7 @@ import signal
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -22,7 +23,7 @@ from faulty import FaultySimulator, Marks, bend
 from pids import until_gone
 from user_modules import own_modules
 
-from frenetic.campaign import Campaign, CampaignStore, Summary
+from frenetic.campaign import Budget, Campaign, CampaignStore, Summary
 from frenetic.campaign.check import check_campaign
 from frenetic.drivers import Planner
 from frenetic.drivers.loading import load_driver
@@ -129,7 +130,7 @@ def test_a_resumed_campaign_that_breaks_off_keeps_its_extended_budget(
         campaign(tmp_path, simulations=26).resume(on_event=on_result(end))
     with CampaignStore.open(tmp_path) as store:
         assert "finished_at" not in store.facts
-        assert store.facts["budget"] == {"simulations": 26, "time": None, "failures": None}
+        assert store.facts["budget"] == asdict(Budget(simulations=26))
 
 
 # Changed parts

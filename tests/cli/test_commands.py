@@ -28,7 +28,10 @@ if TYPE_CHECKING:
 
 pytest_plugins = ["command_line"]
 
-COUNTS: Final = "tests roads simulations passed failed invalid errors dropped min_moobd"
+COUNTS: Final = (
+    "tests roads simulations passed failed invalid errors dropped min_moobd kilometres"
+    " simulated_seconds"
+)
 CALLS: Final = {
     "init keeps_its_lane.py": "class driver test",
     "run --simulations 3 --seed 1 --workers 1 --out new": (
@@ -56,8 +59,8 @@ CALLS: Final = {
         "answer verdict difference time_difference old new fresh known causes notes seed domain"
     ),
     "drive bend.json": (
-        "road outcome reason moobd moobd_distance max_oob_share duration length findings fault"
-        " driver simulator"
+        "road outcome reason moobd moobd_distance max_oob_share duration distance length findings"
+        " fault driver simulator"
     ),
     "drive c 1": "road outcome differs driver simulator",
     "drive bend.json --dry": "road valid message",

@@ -469,6 +469,7 @@ def test_numbers_of_a_campaign_have_units_and_few_digits(frenetic: Frenetic) -> 
     assert str(Budget(simulations=1, time=5400.0, failures=2)) == (
         "1 simulation, 1:30:00 of time, 2 failures"
     )
+    assert str(Budget(kilometres=12.5, simulated_time=90.0)) == "12.5 km, 1:30 of simulated time"
 
 
 def test_run_show_and_report_name_the_parts_with_their_options(frenetic: Frenetic) -> None:

@@ -58,6 +58,8 @@ ENTRIES: dict[str, st.SearchStrategy[Any]] = {
     "simulations": counts,
     "time": positive | st.sampled_from(["90", "1h30m"]),
     "failures": counts,
+    "kilometres": positive,
+    "simulated_time": positive | st.sampled_from(["90", "1h30m"]),
     "from": st.lists(texts.filter(bool), max_size=2),
     "seed": st.integers(0, 2**62),
     "max_in_flight": counts,

@@ -19,6 +19,7 @@ from frenetic.analysis.official_segment import failure_segment
 from frenetic.analysis.spaces import SPACES
 from frenetic.analysis.sparseness import MOST_COMPARED, largest_distances, unlike_lines
 from frenetic.analysis.unlike import MOST_LINKED, UnlikeFailures
+from frenetic.campaign.configuration import decode_budget
 from frenetic.campaign.counts import Counts
 from frenetic.campaign.record import Test
 from frenetic.campaign.store import CampaignStore
@@ -158,21 +159,22 @@ def measure_campaign(folder: Path | str) -> CampaignMeasures:
     """
     with CampaignStore.open(folder) as store:
         counts, simulations = Counts(), 0
-        results_to_failure: int | None = None
+        kilometres_to_failure = seconds_to_failure = math.inf
         failed_after: dict[int, int] = {}  # id of a failure -> simulations up to and with it
         repeats = store.repeats()
-        for results, test in enumerate(store.tests(), start=1):
-            counts.add(test.candidate, test.outcome, test.moobd)
+        for test in store.tests():
+            counts.add(test.candidate, test.result)
             simulations += test.outcome.is_simulated
             if test.outcome is Outcome.FAIL and test.id not in repeats:
+                if not failed_after:
+                    kilometres_to_failure = 0.001 * counts.driven_metres
+                    seconds_to_failure = counts.simulated_seconds
                 failed_after[test.id] = simulations
-                results_to_failure = results_to_failure or results
         diversity = _Diversity(_evenly_chosen(failed_after))
         for test in store.tests(Outcome.FAIL, with_trajectory=diversity.linked, with_segments=True):
             # The others are repeats, or newer than the first reading of a running campaign.
             if test.id in failed_after:
                 diversity.add(test)
-        kilometres, seconds = _driven_to_failure(store, results_to_failure)
         config, facts, lane_width = store.config, store.facts, store.lane_width
     clusters = cluster_failures(diversity.failures)
     first_failures = (min(failed_after[test_id] for test_id in cluster.ids) for cluster in clusters)
@@ -183,15 +185,15 @@ def measure_campaign(folder: Path | str) -> CampaignMeasures:
         counts=counts,
         failures_after=_curve(failed_after.values(), simulations),
         distinct_after=_curve(first_failures, simulations),
-        is_finished=_is_finished({"budget": config.get("budget"), **facts}, simulations),
+        is_finished=_is_finished({"budget": config.get("budget"), **facts}, counts),
         cells=len(diversity.cells),
         unlike_roads=unlike_lines(diversity.roads),
         competition_sparseness=diversity.competition_sparseness(),
         lane_width=lane_width,
         unlike=diversity.unlike(),
         test_set_diameter=diversity.set_diameter(),
-        kilometres_to_failure=kilometres,
-        seconds_to_failure=seconds,
+        kilometres_to_failure=kilometres_to_failure,
+        seconds_to_failure=seconds_to_failure,
         strategy_seconds=strategy_seconds,
         stability=FailureStability.read(facts),
     )
@@ -201,25 +203,6 @@ def _evenly_chosen(ids: Collection[int]) -> frozenset[int]:
     """Return the ids of the failures that are linked: at most `MOST_LINKED`, evenly spaced."""
     listed = list(ids)
     return frozenset(listed[i] for i in evenly(len(listed), MOST_LINKED))
-
-
-def _driven_to_failure(store: CampaignStore, results: int | None) -> tuple[float, float]:
-    """Return length in km and simulated time in s of the drives up to the first failure.
-
-    Args:
-        store: the campaign.
-        results: number of results up to and with the first failure; None without a failure, for
-            which length and time are infinite.
-    """
-    if results is None:
-        return math.inf, math.inf
-    metres = seconds = 0.0
-    for test in store.tests(limit=results, with_trajectory=True):
-        if test.trajectory is not None:
-            moves = np.hypot(np.diff(test.trajectory.x), np.diff(test.trajectory.y))
-            metres += float(moves.sum())
-        seconds += test.result.duration or 0.0
-    return 0.001 * metres, seconds
 
 
 class _Diversity:
@@ -289,9 +272,15 @@ def _curve(rises: Iterable[int], simulations: int) -> IntArray:
     return np.cumsum(counts, dtype=np.int64)
 
 
-def _is_finished(facts: Mapping[str, Any], simulations: int) -> bool:
-    """Return whether the budget was spent; a generator of the bench may end before that."""
+def _is_finished(facts: Mapping[str, Any], counts: Counts) -> bool:
+    """Return whether the budget was spent; a generator of the bench may end before that.
+
+    Args:
+        facts: facts of the campaign, with its budget.
+        counts: counts of all its tests.
+    """
     if "finished_at" not in facts or facts.get("interrupted"):
         return False
     ended_by_itself = facts.get("bench", {"end": _OVER})["end"] != _OVER
-    return not ended_by_itself or simulations >= (facts["budget"].get("simulations") or 0)
+    amounts = counts.amounts(facts.get("seconds", 0.0))
+    return not ended_by_itself or decode_budget(facts["budget"]).spent(amounts) >= 1.0

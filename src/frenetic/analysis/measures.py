@@ -196,7 +196,7 @@ _OTHER_MEASURES: Final = (
     Measure(
         "kilometres_to_failure",
         "kilometres to first failure",
-        "Length driven up to and with the first failure; none if there was none.",
+        "Length of road driven up to and with the first failure; none if there was none.",
         "first failure",
         unit="km",
         more_is_better=False,

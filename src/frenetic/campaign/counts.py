@@ -10,8 +10,9 @@ from typing import Any, Final, Self
 import numpy as np
 
 from frenetic._support.arrays import FloatArray
-from frenetic._support.words import counted
+from frenetic._support.words import counted, rounded_seconds
 from frenetic.oracle.outcome import Outcome
+from frenetic.oracle.verdict import Result
 from frenetic.road import profile
 from frenetic.search.records import Candidate
 
@@ -29,13 +30,15 @@ _SUMMED_NAMES: Final = (
     "repeats",
     "failing_repeats",
     "invalid_repeats",
+    "driven_metres",
+    "simulated_seconds",
 )
 """Names of the numbers that add up over several campaigns."""
 
 
 @dataclass
 class Counts:
-    """Numbers of tests by outcome, number of different roads among them, and lowest MOOBD."""
+    """Numbers of tests by outcome and of different roads, lowest MOOBD, length and time driven."""
 
     invalid: int = 0
     """Number of tests whose road was refused, so that nothing was driven."""
@@ -57,6 +60,10 @@ class Counts:
     """Number of repeats that failed."""
     invalid_repeats: int = 0
     """Number of repeats whose road was refused."""
+    driven_metres: float = 0.0
+    """Length of road that was driven, in m: the sum of `Result.distance`."""
+    simulated_seconds: float = 0.0
+    """Simulated time of all drives, in s: the sum of `Result.duration`."""
 
     def __post_init__(self) -> None:
         self.forget_roads()
@@ -72,8 +79,8 @@ class Counts:
         numbers = {name: by_outcome[outcome] for outcome, name in _OUTCOME_NAMES.items()}
         return cls(**numbers, min_moobd=min_moobd)
 
-    def add(self, candidate: Candidate, outcome: Outcome, moobd: float | None) -> None:
-        """Count the result of a candidate, with its MOOBD in m.
+    def add(self, candidate: Candidate, result: Result) -> None:
+        """Count the result of a candidate.
 
         Raises:
             RuntimeError: the counts are a copy, or were read, and do not know their roads.
@@ -83,6 +90,7 @@ class Counts:
                 "these counts are a copy, or were read, and do not know which roads are counted:"
                 " add to the original"
             )
+        outcome, moobd = result.outcome, result.moobd
         name = _OUTCOME_NAMES[outcome]
         setattr(self, name, getattr(self, name) + 1)
         if outcome.is_test:
@@ -93,6 +101,13 @@ class Counts:
                 self.add_repeat(outcome)
         if moobd is not None:
             self.min_moobd = moobd if self.min_moobd is None else min(self.min_moobd, moobd)
+        self.add_drive(result.distance, result.duration)
+
+    def add_drive(self, distance: float | None, duration: float | None) -> None:
+        """Add the length in m and the simulated time in s of a drive; None adds nothing."""
+        # In the order of results, so that stored counts are equal to the last bit.
+        self.driven_metres += distance or 0.0
+        self.simulated_seconds += duration or 0.0
 
     def add_repeat(self, outcome: Outcome) -> None:
         """Note that a test with this outcome, which is counted already, repeats an earlier test."""
@@ -157,6 +172,22 @@ class Counts:
             "simulations": self.simulations,
             **{name: getattr(self, name) for name in _OUTCOME_NAMES.values()},
             "min_moobd": self.min_moobd,
+            "kilometres": round(self.driven_metres / 1000.0, 6),
+            "simulated_seconds": rounded_seconds(self.simulated_seconds),
+        }
+
+    def amounts(self, seconds: float) -> dict[str, float]:
+        """Return how much of each limit of a `Budget` the tests have spent, by the limit's name.
+
+        Args:
+            seconds: wall time of the tests, in s.
+        """
+        return {
+            "simulations": self.simulations,
+            "time": seconds,
+            "failures": self.failed,
+            "kilometres": self.driven_metres / 1000.0,
+            "simulated_time": self.simulated_seconds,
         }
 
     def as_text(self) -> str:

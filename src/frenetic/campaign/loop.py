@@ -327,7 +327,7 @@ class Dispatcher:
         """Count the result of a candidate, add it to the store, and tell it to the strategy."""
         attempt = attempt.pack(keep_exact=True)
         summary, result = self._summary, attempt.result
-        summary.add(candidate, result.outcome, result.moobd)
+        summary.add(candidate, result)
         summary.drive_seconds += attempt.seconds
         summary.driver_seconds += attempt.driver_seconds
         elapsed = time.perf_counter() - self._start

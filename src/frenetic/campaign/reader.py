@@ -60,7 +60,7 @@ _UNLISTED_FACTS: Final = (
 )
 """Names of facts that `CampaignReader.facts` leaves out: they are large or shown elsewhere."""
 _SELECT_ROADS: Final = (
-    "SELECT id, outcome, conditions, step, curvatures, points,"  # noqa: S608
+    "SELECT id, outcome, distance, duration, conditions, step, curvatures, points,"  # noqa: S608
     f" {comma_list(profile.NAMES)} FROM test"
     " WHERE result_number IS NOT NULL AND outcome <> 'DROPPED' ORDER BY result_number"
 )
@@ -381,10 +381,10 @@ class CampaignReader(NotebookRepr):
         roads, first_tests, repeats = set(), FirstTests(), []
         number = None
         try:
-            for number, outcome, conditions, step, curvatures, points, *profiles in self.rows(
-                _SELECT_ROADS
-            ):
+            for number, outcome, *values in self.rows(_SELECT_ROADS):
+                distance, duration, conditions, step, curvatures, points, *profiles = values
                 road, result = road_key(step, curvatures, points), _OUTCOMES[outcome]
+                counts.add_drive(distance, duration)
                 amounts = {} if conditions == "{}" else dict(read_json(conditions))
                 roads.add(road)
                 if not first_tests.add_key(result, road, amounts, profiles):

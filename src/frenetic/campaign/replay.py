@@ -75,7 +75,7 @@ def replay(
             )
         evaluation = evaluation_of(test, partial(store.trajectory, test.id), objective)
         tell(strategy, evaluation, summary)
-        summary.add(candidate, test.outcome, test.moobd)
+        summary.add(candidate, test.result)
         summary.note_objective(objective, evaluation)
         summary.seconds = test.elapsed
         summary.update_budget_spent(budget, summary.seconds, test.reported_share)

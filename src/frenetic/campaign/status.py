@@ -136,7 +136,7 @@ def read_state(folder: Path) -> CampaignState:
             folder=folder,
             lane_width=store.lane_width,
             seconds=seconds,
-            budget_spent=stored_budget(store).spent(counts.simulations, seconds, counts.failed),
+            budget_spent=stored_budget(store).spent(counts.amounts(seconds)),
         )
     host = last_host(folder / LOCK)
     status = _status(facts, lines, is_written=writer is not None, host=host)

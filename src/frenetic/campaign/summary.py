@@ -113,7 +113,7 @@ class Summary(Counts):
         """
         if reported_share is not None:
             self.reported_share = reported_share
-        counted_share = budget.spent(self.simulations, seconds, self.failed)
+        counted_share = budget.spent(self.amounts(seconds))
         self.budget_spent = counted_share if self.reported_share is None else self.reported_share
 
     def note_objective(self, objective: Objective, evaluation: Evaluation) -> None:

@@ -17,10 +17,11 @@ from frenetic.cli.command_options import CommandOptions
 from frenetic.cli.entries import entry_options
 from frenetic.cli.options import DEFAULT_SIMULATIONS, SEED_LIMIT, as_usage_error, folder_option
 from frenetic.spec import Spec
+from frenetic.spec.budget import LIMITS
 
 
 @click.command(name="ask-tell")
-@entry_options("simulations", "time", "failures", "strategy")
+@entry_options(*LIMITS, "strategy")
 @click.option(
     "--name",
     default="client",

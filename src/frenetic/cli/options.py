@@ -27,7 +27,7 @@ def with_options(options: Sequence[Decorator], command: Callable[P, R]) -> Calla
 # Defaults of a new search
 
 DEFAULT_SIMULATIONS: Final = 1000
-"""Budget of a search without --simulations, --time and --failures, in drives (our choice)."""
+"""Budget of a search without any limit, in drives (our choice)."""
 SEED_LIMIT: Final = 2**31
 """Drawn seeds are below this number, so that every random generator takes them."""
 

@@ -34,10 +34,12 @@ if TYPE_CHECKING:
 @click.command()
 @campaign_argument
 @click.option("--simulations", type=int, metavar="N", help="Stop after N more drives.")
-@click.option(
-    "--time", "seconds", type=DURATION_TYPE, help="Stop after this much more time: 90s, 10m, 1h30m."
-)
+@click.option("--time", type=DURATION_TYPE, help="Stop after this much more time: 90s, 10m, 1h30m.")
 @click.option("--failures", type=int, metavar="N", help="Stop after N more failures.")
+@click.option("--kilometres", type=float, metavar="KM", help="Stop after KM more kilometres.")
+@click.option(
+    "--simulated-time", type=DURATION_TYPE, help="Stop after this much more simulated time: 30m."
+)
 @entry_option("workers", parameter="workers_entry")
 @place_option
 @trust_option
@@ -45,22 +47,21 @@ if TYPE_CHECKING:
 @json_option
 def resume(
     campaign: Path,
-    simulations: int | None,
-    seconds: float | None,
-    failures: int | None,
     workers_entry: Spec | None,
     place_options: Spec | None,
     is_trusted: bool,
     fail_on_failure: bool,
     as_json: bool,
+    **added: float | None,
 ) -> None:
     """Resume the CAMPAIGN in a folder after Ctrl-C, a crash, or the end of its budget.
 
     A fresh strategy gets the stored results. So an interrupted campaign ends as if it had never
     been interrupted; with a budget of time, it may end a few tests earlier or later.
 
-    --simulations, --time and --failures set a new budget beyond what is spent, and replace all
-    limits of the last budget. Without these options the last budget holds.
+    --simulations, --time, --failures, --kilometres and --simulated-time set a new budget beyond
+    what is spent, and replace all limits of the last budget. Without these options the last budget
+    holds.
 
     --workers and --simulator hold for this command only. If BeamNG.tech has moved, give its new
     place with --simulator.
@@ -76,7 +77,6 @@ def resume(
 
     with CampaignStore.open(campaign) as store:
         source, earlier = _require_search(store), _EarlierWork.of(store)
-    added = {"simulations": simulations, "time": seconds, "failures": failures}
     spec = _with_budget(source.spec, added, earlier)
     spec, parts_folder = _checked_and_moved(
         spec, place_options, source, is_trusted=is_trusted, has_drives=earlier.has_drives
@@ -84,8 +84,8 @@ def resume(
     is_spent = earlier.share_of(spec.budget) >= 1.0
     if is_spent and earlier.is_reported:
         raise click.UsageError(
-            f"the budget of {campaign} is spent: say how much more, with --simulations, --time or"
-            " --failures"
+            f"the budget of {campaign} is spent: say how much more, with --simulations, --time,"
+            " --failures, --kilometres or --simulated-time"
         )
     # The workers of the last command are not taken over: they may belong to another machine.
     workers = None if workers_entry is None else workers_entry.workers
@@ -129,18 +129,14 @@ class _EarlierWork:
         )
 
     @property
-    def spent(self) -> dict[str, float]:
+    def amounts(self) -> dict[str, float]:
         """Name of a limit -> amount that is spent."""
-        return {
-            "simulations": self.counts.simulations,
-            "time": self.seconds,
-            "failures": self.counts.failed,
-        }
+        return self.counts.amounts(self.seconds)
 
     def share_of(self, budget: Budget | None) -> float:
         """Return the spent share of a budget, from 0 to 1."""
         assert budget is not None, "a search by a command has a budget"
-        return budget.spent(self.counts.simulations, self.seconds, self.counts.failed)
+        return budget.spent(self.amounts)
 
 
 def _announcement(spec: Spec, tests: int, *, is_spent: bool) -> str:
@@ -190,11 +186,12 @@ def _with_budget(spec: Spec, added: Mapping[str, float | None], earlier: _Earlie
 
     for name, amount in added.items():
         if amount is not None and amount <= 0:
-            raise click.UsageError(f"--{name} is {amount}: more than 0 is needed")
+            option = f"--{name.replace('_', '-')}"
+            raise click.UsageError(f"{option} is {amount:g}: more than 0 is needed")
     with as_usage_error():
         if any(amount is not None for amount in added.values()):
             limits: dict[str, Any] = {
-                name: None if amount is None else earlier.spent[name] + amount
+                name: None if amount is None else earlier.amounts[name] + amount
                 for name, amount in added.items()
             }
             return spec.with_budget(Budget(**limits))

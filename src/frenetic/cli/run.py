@@ -17,12 +17,13 @@ from frenetic.cli.search import fail_on_failure_option, make_campaign, search
 from frenetic.conditions.condition import as_text
 from frenetic.parts.trust import is_here
 from frenetic.spec import Spec
+from frenetic.spec.budget import LIMITS
 from frenetic.spec.parts import PARTS
 
 
 @click.command()
 @click.argument("file", type=click.Path(path_type=Path), required=False, metavar="[FILE.toml]")
-@entry_options("simulations", "time", "failures", "strategy", "roads", "odd")
+@entry_options(*LIMITS, "strategy", "roads", "odd")
 @part_options
 @entry_options(
     *("criteria", "map_size", "workers", "objective", "start_from", "from_roads", "seed"),
@@ -44,8 +45,9 @@ def run(
     """Search for roads on which a driver leaves its lane.
 
     Without options, 1000 drives of the built-in planner go into a new folder under campaigns/. The
-    first of --simulations, --time and --failures ends the search; so does Ctrl-C. FILE.toml, such
-    as a campaign's campaign.toml, sets what options set; options win.
+    first limit that is reached ends the search: --simulations, --time, --failures, --kilometres or
+    --simulated-time; so does Ctrl-C. FILE.toml, such as a campaign's campaign.toml, sets what
+    options set; options win.
     """
     from frenetic.campaign import new_folder
     from frenetic.report import results

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
+from typing import Final
 
 from frenetic._support.bounds import is_number, require_count
 from frenetic._support.scalars import take_numpy_scalars
@@ -25,15 +27,25 @@ class Budget:
     """Largest wall time, in s; None without this limit."""
     failures: int | None = None
     """Number of FAIL outcomes that ends the campaign; None without this limit."""
+    kilometres: float | None = None
+    """Length of road that may be driven, in km: of each drive from the road's start to where the
+    drive ended. None without this limit."""
+    simulated_time: float | None = None
+    """Largest simulated time of all drives together, in s; None without this limit."""
 
     def __post_init__(self) -> None:
-        if self.simulations is None and self.time is None and self.failures is None:
-            raise ValueError("the budget limits nothing: give simulations, time or failures")
-        for name in ("simulations", "failures"):
-            if (value := getattr(self, name)) is not None:
-                object.__setattr__(self, name, require_count(name, value))
-        if self.time is not None and not (is_number(self.time) and self.time > 0.0):
-            raise ValueError(f"time is {self.time}: a positive number of seconds is needed")
+        limits = {name: value for name, value in vars(self).items() if value is not None}
+        if not limits:
+            raise ValueError(
+                "the budget limits nothing: give simulations, time, failures, kilometres or"
+                " simulated_time"
+            )
+        for name, limit in limits.items():
+            if name in ("simulations", "failures"):
+                object.__setattr__(self, name, require_count(name, limit))
+            elif not (is_number(limit) and limit > 0.0):
+                unit = "kilometres" if name == "kilometres" else "seconds"
+                raise ValueError(f"{name} is {limit}: a positive number of {unit} is needed")
         take_numpy_scalars(self)
 
     def __str__(self) -> str:
@@ -42,26 +54,31 @@ class Budget:
         if self.simulations is not None:
             texts.append(counted(self.simulations, "simulation"))
         if self.time is not None:
-            is_below_a_minute = self.time < 60.0
-            text = f"{self.time:.3g} s" if is_below_a_minute else format_duration(self.time)
-            texts.append(f"{text} of time")
+            texts.append(f"{_time_text(self.time)} of time")
         if self.failures is not None:
             texts.append(counted(self.failures, "failure"))
+        if self.kilometres is not None:
+            texts.append(f"{self.kilometres:.4g} km")
+        if self.simulated_time is not None:
+            texts.append(f"{_time_text(self.simulated_time)} of simulated time")
         return ", ".join(texts)
 
-    def spent(self, simulations: int, seconds: float, failures: int) -> float:
+    def spent(self, amounts: Mapping[str, float]) -> float:
         """Return the spent share of the budget, from 0 to 1: the share of the nearest limit.
 
         Args:
-            simulations: number of drives so far.
-            seconds: wall time so far, in s.
-            failures: number of FAIL outcomes so far.
+            amounts: name of each limit -> amount so far, in the limit's unit, as
+                `Counts.amounts` returns them.
         """
-        shares = [0.0]
-        if self.simulations is not None:
-            shares.append(simulations / self.simulations)
-        if self.time is not None:
-            shares.append(seconds / self.time)
-        if self.failures is not None:
-            shares.append(failures / self.failures)
+        limits: dict[str, float | None] = vars(self)
+        shares = [amounts[name] / limit for name, limit in limits.items() if limit is not None]
         return min(max(shares), 1.0)
+
+
+LIMITS: Final = tuple(item.name for item in fields(Budget))
+"""Names of a budget's limits, which are entries of a run, too."""
+
+
+def _time_text(seconds: float) -> str:
+    """Return a time in words, such as 17.2 s or 12:34."""
+    return f"{seconds:.3g} s" if seconds < 60.0 else format_duration(seconds)

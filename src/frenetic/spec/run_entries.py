@@ -125,6 +125,13 @@ class RunEntries(
     ] = None
     """Wall time of the run: a text with a unit, or a number of s, as which a text is kept."""
     failures: Annotated[Count | None, _about("Stop after N failures.", "N")] = None
+    kilometres: Annotated[
+        Positive | None, _about("Stop after this length of driven road, in km.", "KM")
+    ] = None
+    simulated_time: Annotated[
+        Positive | str | None, _about("Stop after this simulated time: 30m, 10h.", "TIME")
+    ] = None
+    """Simulated time of all drives: a text with a unit, or a number of s, as a text is kept."""
     start_from: Annotated[
         tuple[Text, ...],
         _about(
@@ -163,8 +170,9 @@ class RunEntries(
             values["roads"] = roads_entry(read_class(values["roads"]))
         if "odd" in values:
             values["odd"] = read_domain(values["odd"]).entries()
-        if isinstance(self.time, str):
-            values["time"] = parse_duration(self.time)
+        for name in ("time", "simulated_time"):
+            if isinstance(values.get(name), str):
+                values[name] = parse_duration(values[name])
         if isinstance(self.workers, str):
             values["workers"] = read_workers(self.workers)
         elif self.workers is not None:

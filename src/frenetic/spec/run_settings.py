@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, Final
 from frenetic._support.option_text import read_part
 from frenetic.conditions.condition import amounts_in
 from frenetic.errors import FreneticError
-from frenetic.spec.budget import Budget
+from frenetic.spec.budget import LIMITS, Budget
 from frenetic.spec.parts import USUAL, Part
 from frenetic.spec.run_entries import RunEntries
 from frenetic.spec.values import read_class, read_criteria, read_domain
@@ -26,8 +26,6 @@ if TYPE_CHECKING:
 
 TERMS_ENTRIES: Final = ("map_size", "map_margin", "lane_width")
 """Entries that `Terms` has by the same names; a road that exists brings its own values."""
-_BUDGET_ENTRIES: Final = ("simulations", "time", "failures")
-"""Entries that are limits of the budget."""
 
 
 class RunSettings(RunEntries, frozen=True, kw_only=True):
@@ -112,7 +110,7 @@ class RunSettings(RunEntries, frozen=True, kw_only=True):
     @property
     def budget(self) -> Budget | None:
         """Limits of the run; None without limits."""
-        limits: dict[str, Any] = {name: getattr(self, name) for name in _BUDGET_ENTRIES}
+        limits: dict[str, Any] = {name: getattr(self, name) for name in LIMITS}
         return Budget(**limits) if any(limits.values()) else None
 
     @property
