@@ -14,6 +14,7 @@ from multiprocessing import active_children
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from bench_parts import Frail, Reluctant
 from pids import LIMIT, descendants, until_gone
@@ -32,6 +33,7 @@ from frenetic.plugins.bench.runs import assignment
 from frenetic.plugins.bench.strategy import RunEnding
 from frenetic.road import Road
 from frenetic.simulators import EmbeddedSimulator, Simulator
+from frenetic.spec import Budget
 from frenetic.spec.terms import Terms
 from frenetic.testing import DummyDriver
 
@@ -419,6 +421,40 @@ def test_the_time_that_a_generator_itself_takes_is_stored(tmp_path: Path) -> Non
     assert seconds >= 2.0
 
 
+# Other budgets than simulations
+
+
+def test_runs_end_by_the_kilometres_driven_and_the_clock_shows_their_share(tmp_path: Path) -> None:
+    random = Entrant(name="random", spec="random", is_strategy=True)
+    phases = generator("many:Phases")
+    bench = bench_of(tmp_path / "bench", phases, random, simulations=None, kilometres=1.5)
+    for name, state in run_bench(bench).items():
+        assert state.ending == RunEnding(End.OVER)
+        with CampaignStore.open(state.run.folder) as store:
+            driven = np.cumsum([test.result.distance or 0.0 for test in store.tests()])
+        assert driven[-2] < 1500.0 <= driven[-1]
+        if name == "Phases":  # which looks at the clock, to end this phase after 20 % of the time
+            phase = int((state.run.folder / "work" / "first_phase.txt").read_text("utf-8"))
+            assert driven[phase - 2] < 300.0 <= driven[phase - 1]
+    for runs in bench.comparison().groups.values():
+        assert all(run.is_finished for run in runs)
+
+
+def test_the_budget_of_a_run_becomes_virtual_time() -> None:
+    def terms(**limits: Any) -> RunTerms:
+        return RunTerms(RoadTester(EmbeddedSimulator(), Planner()), seconds_per_test=30.0, **limits)
+
+    assert terms().budget == Budget(simulations=200)
+    assert terms().time == 6000.0
+    assert terms(simulations=10, kilometres=9.0).time == 300.0
+    assert terms(simulated_time=450.0).time == 450.0
+    assert terms(kilometres=20.0).time == 3000.0
+    assert terms(kilometres=20.0).budget == Budget(kilometres=20.0)
+    assert terms(kilometres=20.0).clock_text.startswith(
+        "50:00, which passes as the budget is spent"
+    )
+
+
 # Mistakes and accidents
 
 
@@ -561,6 +597,8 @@ def test_a_bench_needs_an_empty_folder_or_its_own_and_the_same_terms(tmp_path: P
     ("options", "why"),
     [
         ({"simulations": 0}, "simulations is 0"),
+        ({"kilometres": -1.0}, "kilometres is -1.0"),
+        ({"simulated_time": 0.0}, "simulated_time is 0.0"),
         ({"seconds_per_test": 0.0}, "seconds_per_test is 0.0"),
         ({"patience": -1.0}, "patience is -1.0"),
         ({"stability": -1}, "stability is -1"),

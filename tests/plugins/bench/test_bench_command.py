@@ -156,7 +156,7 @@ def test_a_warning_of_too_few_repeats_comes_before_the_first_drive(frenetic: Fre
     three = [text for seed in (1, 2, 3) for text in ("--strategy", f"random,max_redraws={seed}")]
     few = frenetic("bench", *three, "--simulations", "1", "--repeats", "1", "--out", "few")
     warning = "3 generators need up to 7 repeats for a difference to be shown: 1 may be too few"
-    assert few.err.index("1 run of 1 simulations") < few.err.index(warning)
+    assert few.err.index("1 run of 1 simulation") < few.err.index(warning)
     assert warning not in frenetic("bench", "--resume", "--out", "few").err
     alone = frenetic("bench", "--strategy", "random", *LEAST)
     assert "too few" not in alone.err

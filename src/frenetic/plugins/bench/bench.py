@@ -39,6 +39,7 @@ from frenetic.plugins.bench.entrants import Entrant, entrant_parts, folder_names
 from frenetic.plugins.bench.presets import Preset
 from frenetic.plugins.bench.processes import run_all
 from frenetic.plugins.bench.runs import (
+    RUN_LIMITS,
     EntrantRun,
     RunState,
     RunTerms,
@@ -116,7 +117,7 @@ class Bench:
     @property
     def runs_text(self) -> str:
         """Text about each entrant's runs, such as "10 runs of 200 simulations"."""
-        return f"{counted(self.repeats, 'run')} of {self.terms.simulations} simulations"
+        return f"{counted(self.repeats, 'run')} of {self.terms.budget}"
 
     @property
     def repeats_needed(self) -> int:
@@ -265,7 +266,7 @@ class Bench:
             "with": dict(terms.tester.terms.conditions),
             "map_size": terms.tester.terms.map_size,
             "objective": terms.objective,
-            "simulations": terms.simulations,
+            **{name: getattr(terms, name) for name in RUN_LIMITS},
             "seconds_per_test": terms.seconds_per_test,
             "patience": terms.patience,
             "stability": terms.stability or None,

@@ -33,7 +33,7 @@ from frenetic.cli.entries import (
     trust_option,
     was_given,
 )
-from frenetic.cli.option_types import WORKERS_TYPE
+from frenetic.cli.option_types import DURATION_TYPE, WORKERS_TYPE
 from frenetic.cli.options import as_usage_error, count_option, folder_option, json_option
 from frenetic.errors import FreneticError
 from frenetic.parts.trust import is_here
@@ -42,7 +42,10 @@ if TYPE_CHECKING:
     from frenetic.analysis.comparison import Comparison
     from frenetic.plugins.bench import Bench, RunState
 
-_ENTRIES: Final = ("generator", "strategy", "simulations", "repeats", "seed", "stability", "preset")
+_ENTRIES: Final = (
+    *("generator", "strategy", "simulations", "kilometres", "simulated_time"),
+    *("repeats", "seed", "stability", "preset"),
+)
 """Options that are entries of `frenetic.plugins.bench.file.BenchFile`."""
 _OPTIONS_WITH_RESUME: Final = ("workers", "out", "resume", "is_trusted", "as_json")
 """Parameters that may be given with ``--resume``: they do not describe the bench."""
@@ -76,6 +79,12 @@ _INTERRUPTED: Final = 130
     " beside the results: sbst2021 or sbft2023. FILE.toml and other options win.",
 )
 @count_option("--simulations", "Budget of each run, in drives. [default: 200]")
+@click.option(
+    "--kilometres", type=float, metavar="KM", help="Budget of each run, in km of driven road."
+)
+@click.option(
+    "--simulated-time", type=DURATION_TYPE, help="Budget of each run, in simulated time: 30m, 2h."
+)
 @count_option("--repeats", "Runs of each entrant. [default: 10]")
 @count_option("--seed", "Seed of the first runs. [default: 1]", least=0)
 @count_option(

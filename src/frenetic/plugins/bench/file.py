@@ -41,8 +41,12 @@ class BenchFile(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """Generators as on the command line, such as ``"wiggly.py:Wiggly,name=Wiggly"``."""
     strategy: tuple[str, ...] = ()
     """Strategies as on the command line; all built-in ones if the file names no entrant."""
-    simulations: Count = 200
+    simulations: Count | None = None
     """Budget of each run, in drives."""
+    kilometres: Positive | None = None
+    """Budget of each run, in km of driven road."""
+    simulated_time: Positive | str | None = None
+    """Budget of each run, in s of simulated time or as "30m"."""
     seconds_per_test: Positive = 36.0
     """Virtual time that a drive costs, in s."""
     patience: Positive | str = "10m"
@@ -98,6 +102,10 @@ class BenchFile(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
             terms=RunTerms(
                 RoadTester.of(spec, terms),
                 simulations=self.simulations,
+                kilometres=self.kilometres,
+                simulated_time=None
+                if self.simulated_time is None
+                else parse_duration(self.simulated_time),
                 seconds_per_test=self.seconds_per_test,
                 patience=parse_duration(self.patience),
                 stability=self.stability,

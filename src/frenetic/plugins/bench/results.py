@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Final
 
 from frenetic._support.option_text import part_word
-from frenetic._support.words import format_duration
 from frenetic.analysis.comparison import Comparison
 from frenetic.plugins.bench.bench import Bench
 from frenetic.plugins.bench.presets import COLUMNS, measured
@@ -62,10 +61,8 @@ def _published(bench: Bench, comparison: Comparison) -> Iterator[Section]:
 def _terms(bench: Bench) -> dict[str, str]:
     """Return name -> text of the facts about a bench: its clock, its seeds and its entrants."""
     terms = bench.terms
-    budget = format_duration(terms.time)
     facts = {
-        "virtual clock": f"{budget}, of which each simulation costs {terms.seconds_per_test:g} s;"
-        " the time that a generator computes is free",
+        "virtual clock": terms.clock_text,
         "seeds": f"{bench.seed} to {bench.seed + bench.repeats - 1}",
     }
     for entrant in bench.entrants:

@@ -19,6 +19,7 @@ from msgspec import structs
 from frenetic._support.bounds import Count, Index, Positive, check
 from frenetic._support.json_value import JSONValue
 from frenetic._support.option_text import part_word
+from frenetic._support.words import format_duration
 from frenetic.analysis.sparseness import largest_distances, unlike_lines
 from frenetic.campaign.campaign import Campaign
 from frenetic.campaign.configuration import Owner
@@ -56,6 +57,13 @@ _MAX_ERROR_LENGTH: Final = 300  # letters: an error of copying lists every file
 _MAX_LINE_LENGTH: Final = 200  # letters of a generator's output in an error
 _SEED_RANGE: Final = 2**32  # numpy's `random.seed` takes smaller numbers
 
+DEFAULT_SIMULATIONS: Final = 200
+"""Budget of each run of a bench without any limit, in drives (our choice)."""
+RUN_LIMITS: Final = ("simulations", "kilometres", "simulated_time")
+"""Limits of a `Budget` that the runs of a bench may have: none depends on a computer's speed."""
+TYPICAL_LENGTH: Final = 0.2
+"""Length of a road with which kilometres become virtual time, in km (our choice)."""
+
 OnProgress = Callable[[Summary], None]
 
 
@@ -66,8 +74,12 @@ class RunTerms:
     tester: RoadTester
     """Tester of the roads of every run."""
     _: KW_ONLY
-    simulations: Count = 200
-    """Budget of each run, in drives."""
+    simulations: Count | None = None
+    """Budget of each run, in drives; `DEFAULT_SIMULATIONS` without any limit."""
+    kilometres: Positive | None = None
+    """Budget of each run, in km of driven road; None without this limit."""
+    simulated_time: Positive | None = None
+    """Budget of each run, in s of simulated time; None without this limit."""
     seconds_per_test: Positive = 36.0
     """Virtual time that each executed test costs, as a generator sees it, in s."""
     patience: Positive = 600.0
@@ -80,15 +92,41 @@ class RunTerms:
 
     def __post_init__(self) -> None:
         Objective.load(self.objective)
-        checked = ("simulations", "seconds_per_test", "patience", "stability")
+        if not any(getattr(self, name) is not None for name in RUN_LIMITS):
+            object.__setattr__(self, "simulations", DEFAULT_SIMULATIONS)
+        checked = (*RUN_LIMITS, "seconds_per_test", "patience", "stability")
         check({name: getattr(self, name) for name in checked}, RunTerms)
         if self.stability:
             check_can_vary(self.tester.simulator, [FRICTION])
 
     @property
+    def budget(self) -> Budget:
+        """Limits of each run, of which the first that is reached ends it."""
+        return Budget(**{name: getattr(self, name) for name in RUN_LIMITS})
+
+    @property
     def time(self) -> float:
-        """Budget of each run as virtual time, in s."""
-        return self.simulations * self.seconds_per_test
+        """Budget of each run as virtual time, in s.
+
+        It passes as the budget is spent. Without a number of simulations it is the simulated time,
+        or what so many kilometres cost on roads of `TYPICAL_LENGTH`.
+        """
+        if self.simulations is not None:
+            return self.simulations * self.seconds_per_test
+        if self.simulated_time is not None:
+            return self.simulated_time
+        assert self.kilometres is not None, "there is a limit"
+        return self.kilometres / TYPICAL_LENGTH * self.seconds_per_test
+
+    @property
+    def clock_text(self) -> str:
+        """Text about the virtual clock and what makes it go on."""
+        time = format_duration(self.time)
+        if self.kilometres is None and self.simulated_time is None:
+            cost = f"of which each simulation costs {self.seconds_per_test:g} s"
+        else:
+            cost = f"which passes as the budget is spent, {self.budget}"
+        return f"{time}, {cost}; the time that a generator computes is free"
 
     def make_strategy(self, entrant: Entrant, seed: int) -> Strategy:
         """Make the strategy of an entrant, as `Campaign.of` makes the strategy of a spec.
@@ -237,8 +275,7 @@ def hosted_generator(run: EntrantRun, terms: RunTerms) -> Iterator[GeneratorStra
         strategy = GeneratorStrategy(
             process,
             terms.tester,
-            simulations=terms.simulations,
-            seconds_per_test=terms.seconds_per_test,
+            time_budget=terms.time,
             patience=terms.patience,
             seed=run.seed,
         )
@@ -386,7 +423,7 @@ def _campaign(
             simulator=tester.simulator,
             driver=tester.driver,
             terms=tester.terms,
-            budget=Budget(simulations=terms.simulations),
+            budget=terms.budget,
             folder=run.folder,
             isolate=spec is not None,
             objective=terms.objective,

@@ -72,8 +72,7 @@ class GeneratorStrategy(ObservingStrategy):
     Args:
         process: process of the generator, already entered.
         tester: tester of its roads.
-        simulations: budget in executed tests.
-        seconds_per_test: virtual time that an executed test costs, in s.
+        time_budget: virtual time that passes as the budget is spent, in s.
         patience: wall time that the generator may take between two tests, in s.
         seed: seed of the generator, for the campaign's record.
     """
@@ -83,8 +82,7 @@ class GeneratorStrategy(ObservingStrategy):
         process: GeneratorProcess,
         tester: RoadTester,
         *,
-        simulations: int,
-        seconds_per_test: float,
+        time_budget: float,
         patience: float,
         seed: int,
     ) -> None:
@@ -95,9 +93,8 @@ class GeneratorStrategy(ObservingStrategy):
         """Wall time that the generator took, in s."""
         self._process = process
         self._tester = tester
-        self._simulations_left = simulations
-        self._simulations = simulations
-        self._seconds_per_test = seconds_per_test
+        self._time_budget = time_budget
+        self._budget_spent = 0.0  # share
         self._patience = patience
         self._ledger = Ledger()
         self._attempt: Attempt | None = None  # at the candidate of the next `tell`
@@ -127,15 +124,21 @@ class GeneratorStrategy(ObservingStrategy):
         """Answer the generator's test with its result."""
         self._ledger.settle(evaluation)
         attempt, self._attempt = self._attempt, None
-        self._simulations_left -= evaluation.outcome.is_simulated
-        simulated = self._simulations - self._simulations_left
+        self._budget_spent = evaluation.budget_spent
         answer = {
             "outcome": str(evaluation.outcome),
             "description": WRONG_TYPE if evaluation.candidate.points is None else _reason(attempt),
             "records": self._records(evaluation, attempt),
-            "spent": simulated * self._seconds_per_test,
+            "spent": self._time_spent,
         }
         self._send(answer)
+
+    @property
+    def _time_spent(self) -> float:
+        """Virtual time that has passed, in s, in whole microseconds until the end."""
+        if self._budget_spent >= 1.0:
+            return self._time_budget
+        return round(self._budget_spent * self._time_budget, 6)
 
     def dismiss(self) -> RunEnding:
         """Announce that the budget is spent; wait until the generator has ended, return its end."""
@@ -172,7 +175,7 @@ class GeneratorStrategy(ObservingStrategy):
             self.ending = RunEnding(End.CRASHED, str(error))
             return None
         if message is None:
-            seconds_left = self._simulations_left * self._seconds_per_test
+            seconds_left = self._time_budget - self._time_spent
             no_test = (
                 f"it asked for no test for {patience:.3g} s, with {seconds_left:.3g} s of its"
                 " budget left"
@@ -203,7 +206,7 @@ class GeneratorStrategy(ObservingStrategy):
         end = End(message["end"])
         detail = " ".join(message["detail"].split())[:_MAX_DETAIL_LENGTH]  # in one line
         # A generator may end in peace when it sees that its last test has been executed.
-        if self._simulations_left <= 0 and (end is End.RETURNED or detail == "exit code 0"):
+        if self._budget_spent >= 1.0 and (end is End.RETURNED or detail == "exit code 0"):
             end, detail = End.OVER, ""
         return RunEnding(end, detail)
 
