@@ -9,7 +9,7 @@ import pytest
 from sample_campaigns import measures, search, store_of
 
 from frenetic.analysis import comparison as comparison_module
-from frenetic.analysis.campaign_measures import CampaignMeasures
+from frenetic.analysis.campaign_measures import CampaignMeasures, measure_campaign
 from frenetic.analysis.comparison import (
     Comparison,
     compare,
@@ -310,6 +310,27 @@ def test_groups_that_differ_in_several_parts_are_noted(tmp_path: Path) -> None:
     about_drivers, note = compare({"x": [first], "y": [other]}).notes
     assert "compare one campaign with the other driver" in about_drivers
     assert note == "the groups differ in more than one thing: strategy, driver"
+
+
+def test_searches_with_another_look_ahead_are_noted(tmp_path: Path) -> None:
+    first = tiny_campaign(tmp_path, "a", max_in_flight=1)
+    ahead = tiny_campaign(tmp_path, "b", max_in_flight=16)
+    (note,) = compare({"x": [first], "y": [ahead]}).notes
+    assert note.startswith("the searches propose 1 and 16 roads before they know the result of")
+    again = tiny_campaign(tmp_path, "c", max_in_flight=1, seed=2)
+    assert compare({"x": [first], "y": [again]}).notes == ()
+
+
+def test_campaigns_of_equal_kilometres_may_differ_in_simulations(tmp_path: Path) -> None:
+    def search(name: str, size: float) -> Path:
+        strategy = RandomSearch(seed=1, map_size=size)
+        terms = Terms(map_size=size)
+        budget = Budget(kilometres=1.0)
+        return tiny_campaign(tmp_path, name, strategy=strategy, terms=terms, budget=budget)
+
+    short, long = search("short", 60.0), search("long", 300.0)
+    assert measure_campaign(short).simulations > 2 * measure_campaign(long).simulations
+    assert not any("simulations" in note for note in compare({"x": [short], "y": [long]}).notes)
 
 
 def test_campaigns_in_other_conditions_are_no_repeats(tmp_path: Path) -> None:

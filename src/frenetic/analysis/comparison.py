@@ -262,7 +262,7 @@ def compare(groups: Mapping[str, Iterable[Path | str]]) -> Comparison:
         notes=[
             *_note_on_drivers(parts),
             *_notes_on_parts(parts, measured),
-            *_notes_on_campaigns(measured),
+            *_notes_on_campaigns(measured, are_as_long=_have_equal_lengths(parts)),
         ],
         shared=shared_parts([campaign for group in parts.values() for campaign in group]),
     )
@@ -435,10 +435,32 @@ def _notes_on_parts(
     differing = differing_parts([configurations[0] for configurations in parts.values()])
     if "," in differing:  # a comma separates two parts
         yield f"the groups differ in more than one thing: {differing}"
+    ahead = [configurations[0]["max_in_flight"] for configurations in parts.values()]
+    if len(set(ahead)) > 1 and None not in ahead:
+        numbers = " and ".join(map(str, sorted(set(ahead))))
+        yield (
+            f"the searches propose {numbers} roads before they know the result of the first"
+            " (max_in_flight; a bench's runs 1, 'frenetic run' mostly 16): one search finds other"
+            " roads with another number"
+        )
 
 
-def _notes_on_campaigns(measured: Mapping[str, tuple[CampaignMeasures, ...]]) -> Iterator[str]:
-    """Yield notes on campaigns that are unfinished, of unequal length, or have many failures."""
+def _have_equal_lengths(parts: Mapping[str, Sequence[Mapping[str, Any]]]) -> bool:
+    """Return whether all campaigns have one budget, which limits kilometres or simulated time."""
+    first, *others = (campaign["budget"] or {} for group in parts.values() for campaign in group)
+    is_of_length = any(first.get(name) is not None for name in ("kilometres", "simulated_time"))
+    return is_of_length and all(budget == first for budget in others)
+
+
+def _notes_on_campaigns(
+    measured: Mapping[str, tuple[CampaignMeasures, ...]], *, are_as_long: bool
+) -> Iterator[str]:
+    """Yield notes on campaigns that are unfinished, of unequal length, or have many failures.
+
+    Args:
+        measured: measures of the campaigns, by group.
+        are_as_long: whether their budget makes them equally long, if not in simulations.
+    """
     for name, campaigns in measured.items():
         unfinished = [campaign.folder.name for campaign in campaigns if not campaign.is_finished]
         if unfinished:
@@ -447,7 +469,7 @@ def _notes_on_campaigns(measured: Mapping[str, tuple[CampaignMeasures, ...]]) ->
         campaign.simulations for campaigns in measured.values() for campaign in campaigns
     ]
     least, most = min(simulations), max(simulations)
-    if most > _MOST_UNEQUAL * least:
+    if most > _MOST_UNEQUAL * least and not are_as_long:
         yield (
             f"the campaigns have from {least} to {most} simulations, and more find more: compare"
             " campaigns of equal length, or look at the curves"
