@@ -215,8 +215,24 @@ def silence(stream: TextIO) -> None:
     os.close(null_device)
 
 
+def _print_version(context: click.Context, _: click.Parameter, is_wanted: bool) -> None:
+    """Print the version and the commit of Frenetic, and exit, if the option is there."""
+    if is_wanted and not context.resilient_parsing:
+        from frenetic.parts.program import program_text  # takes its time
+
+        echo(program_text())
+        context.exit()
+
+
 @click.group(cls=CommandTable, context_settings=_CONTEXT_SETTINGS, invoke_without_command=True)
-@click.version_option(None, "--version", package_name="frenetic-roads", prog_name="frenetic")
+@click.option(
+    "--version",
+    is_flag=True,
+    expose_value=False,
+    is_eager=True,
+    callback=_print_version,
+    help="Show the version and exit.",
+)
 @click.option("--debug", is_flag=True, help="Log what happens, with tracebacks, to stderr.")
 @click.pass_context
 def cli(context: click.Context, debug: bool) -> None:

@@ -28,14 +28,14 @@ from typing import Any, Final
 
 from frenetic.errors import describe_error
 from frenetic.parts.construction import Construction
+from frenetic.parts.program import COMMIT, DISTRIBUTION, installed_version, program_commit
 from frenetic.parts.source_imports import files_of, imported_names
 from frenetic.parts.user_modules import USER_MODULE, is_local
 
 SHORT: Final = 8
 """Number of characters of a digest that people see."""
 _PACKAGE: Final = "frenetic"
-_DISTRIBUTION: Final = "frenetic-roads"
-PACKAGES: Final = (_DISTRIBUTION, "numpy", "numba", "scipy")
+PACKAGES: Final = (DISTRIBUTION, "numpy", "numba", "scipy")
 """Distributions that a campaign's results depend on."""
 
 
@@ -219,28 +219,26 @@ def _distribution(name: str) -> str:
     """Return the name and version of the distribution that installed a module or has this name."""
     from importlib.metadata import packages_distributions  # takes its time
 
-    package = _DISTRIBUTION if name == _PACKAGE else name.partition(".")[0]
-    if version := _installed(package):
+    package = DISTRIBUTION if name == _PACKAGE else name.partition(".")[0]
+    if version := installed_version(package):
         return f"{package} {version}"
     names = sorted(set(packages_distributions().get(package, ())))
-    texts = [f"{name} {_installed(name)}" for name in names]
+    texts = [f"{name} {installed_version(name)}" for name in names]
     return ", ".join(texts) or f"{package} of unknown version"
 
 
-def _installed(name: str) -> str | None:
-    """Return the version of a distribution; None if it is not installed."""
-    from importlib.metadata import PackageNotFoundError, version  # takes its time
-
-    try:
-        return version(name)
-    except PackageNotFoundError:
-        return None
-
-
 def package_versions() -> dict[str, str]:
-    """Return the versions of Python and of `PACKAGES`."""
-    versions = {name: _installed(name) or "unknown" for name in PACKAGES}
-    return {"python": platform.python_version(), **versions}
+    """Return the versions of Python and of `PACKAGES`, and the commit of Frenetic if it is known.
+
+    A commit does not tell whether files of the clone were changed after it.
+    """
+    versions = {name: installed_version(name) or "unknown" for name in PACKAGES}
+    commit = program_commit()
+    return {
+        "python": platform.python_version(),
+        **versions,
+        **({} if commit is None else {COMMIT: commit}),
+    }
 
 
 def changed_packages(recorded: object) -> list[str]:
@@ -252,7 +250,7 @@ def changed_packages(recorded: object) -> list[str]:
     before = recorded if isinstance(recorded, Mapping) else {}
     now = package_versions()
     return [
-        f"{package} {version}, now {now.get(package)}"
+        f"{package} {version}, now {now.get(package, 'unknown')}"
         for package, version in before.items()
         if now.get(package) != version
     ]

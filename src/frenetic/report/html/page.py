@@ -11,7 +11,6 @@ import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cache
-from importlib.metadata import PackageNotFoundError, version
 from importlib.resources import files
 from pathlib import Path
 from typing import Any, ClassVar, Final, NamedTuple, TypeAlias
@@ -21,6 +20,7 @@ from markupsafe import Markup
 from msgspec.json import encode
 
 from frenetic._support.files import write_file
+from frenetic.parts.program import citation, program_text
 
 REPLAY_SCRIPTS: Final = ("base.js", "road.js", "player.js", "replay.js")
 """Files in ``static`` that a page with one replay needs, in this order."""
@@ -143,22 +143,16 @@ class Section:
     """A sentence or two under the headline."""
 
 
-def made_by() -> str:
-    """Return the program and its version, for the foot of a page."""
-    try:
-        return f"frenetic {version('frenetic-roads')}"
-    except PackageNotFoundError:
-        return "frenetic, version unknown"
-
-
 @dataclass(frozen=True)
 class Report:
     """The contents of a page."""
 
     title: str
     sections: tuple[Section, ...]
-    made_by: str = field(default_factory=made_by)
-    """The program and its version, for the foot of the page."""
+    made_by: str = field(default_factory=program_text)
+    """The program with its version and commit, for the foot of the page."""
+    citation: str = field(default_factory=citation)
+    """How to cite the program, for the foot of the page."""
     data: Mapping[str, Any] = field(default_factory=dict)
     """Data for the script beside the blocks, see `campaign_report` and `animate`."""
     finished_at: str = ""
