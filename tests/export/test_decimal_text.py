@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from msgspec.json import encode
 
-from frenetic.export.decimal_text import NEGATIVE_ZERO, TRUTH, decimal_rows
+from frenetic.export.decimal_text import MISSING, NEGATIVE_ZERO, TRUTH, decimal_rows
 
 DECIMALS = st.integers(1, 6)
 MULTIPLES = st.one_of(st.integers(-(2**51), 2**51), st.integers(-200, 200))
@@ -36,6 +36,15 @@ def test_rows_have_their_separators_whole_numbers_truths_and_negative_zeros() ->
         columns, np.array([0, TRUTH, 2]), [b"[", b", ", b", ", b"], "], has_exponents=True
     )
     assert text == b"[12, false, -0.0], [-3, true, 0.05], "
+
+
+def test_missing_numbers_are_empty_or_null() -> None:
+    columns, decimals = np.array([[12, MISSING], [MISSING, -5]]), np.array([1, 4])
+    separators = [b"", b",", b"\n"]
+    rows = decimal_rows(columns, decimals, separators, has_exponents=True)
+    assert rows == b"1.2,\n,-0.0005\n"
+    rows = decimal_rows(columns, decimals, separators, has_exponents=False, missing=b"null")
+    assert rows == b"1.2,null\nnull,-0.0005\n"
 
 
 def test_no_rows_are_no_text() -> None:

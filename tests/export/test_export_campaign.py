@@ -16,12 +16,14 @@ from typing import TYPE_CHECKING, Any, get_args
 import numpy as np
 import pandas as pd
 import pytest
+from pyarrow.parquet import read_schema
 
 from frenetic._support.printable import printable
 from frenetic.campaign import CampaignStore, Test
 from frenetic.cli import main
 from frenetic.errors import FreneticError
 from frenetic.export import campaigns, data_frame, export_campaign, table_files, tables
+from frenetic.export.metadata import DESCRIPTION
 from frenetic.oracle.outcome import Outcome
 from frenetic.search.records import SourceTest
 
@@ -149,7 +151,7 @@ def test_outcomes_and_trajectories_can_be_chosen(
     folder = export_campaign(
         campaign, name, tmp_path / "out", outcomes=outcomes, trajectories=which
     )
-    files = sorted(folder.iterdir())
+    files = sorted(file for file in folder.iterdir() if file.name != DESCRIPTION)
     expected = data_frame(campaign, outcomes=outcomes)
     assert list(READERS[name](files[0])["id"]) == list(expected["id"])
     assert [file.stem for file in files] == ["tests", "trajectories"][: 1 + (which != "none")]
@@ -157,6 +159,34 @@ def test_outcomes_and_trajectories_can_be_chosen(
         driven = expected["outcome"].isin(["FAIL"] if which == "failures" else ["PASS", "FAIL"])
         rows = READERS[name](files[1])
         assert list(rows.get("id", pd.Series()).unique()) == list(expected["id"][driven])
+
+
+@pytest.mark.parametrize("which", ["all", "none"])
+def test_files_say_units_and_the_box_of_the_car(
+    rewrite_campaign: RewriteCampaign, tmp_path: Path, which: Any
+) -> None:
+    campaign = rewrite_campaign(change_fifth(conditions={"fog": 60.5}))
+    names: Any = ("csv", "json", "parquet")
+    files = {
+        name: export_campaign(campaign, name, tmp_path / name, trajectories=which) for name in names
+    }
+    assert not (files["parquet"] / DESCRIPTION).exists()
+    described = {name: json.loads((files[name] / DESCRIPTION).read_bytes()) for name in names[:2]}
+    assert described["csv"] == described["json"]
+    document = described["csv"]
+    box = {"length": 4.508, "width": 1.61, "centre_ahead": pytest.approx(-0.133, abs=1e-3)}
+    assert document.pop("cars") == {campaign.as_posix(): box}
+    assert document["tests"]["condition_fog"]["unit"] == "m"
+    assert list(document) == ["tests", "trajectories"][: 1 + (which == "all")]
+    for table, columns in document.items():
+        schema = read_schema(files["parquet"] / f"{table}.parquet")
+        assert schema.names == list(columns) == list(data_frame(campaign, table).columns)
+        for field in schema:
+            metadata = {k.decode(): v.decode() for k, v in (field.metadata or {}).items()}
+            assert metadata == columns[field.name]
+            assert metadata["about"]
+        if table == "trajectories":
+            assert json.loads(schema.metadata[b"frenetic"])["cars"] == {campaign.as_posix(): box}
 
 
 def test_a_candidate_without_curvatures_is_exported(

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 import shutil
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import asdict, replace
 from datetime import datetime
 from itertools import pairwise
 from pathlib import Path
@@ -22,6 +22,8 @@ from frenetic.campaign import Budget, Campaign, CampaignStore, Test
 from frenetic.drivers import Planner
 from frenetic.errors import CampaignError, Fault
 from frenetic.export import TABLES, data_frame
+from frenetic.export.table_columns import COLUMNS
+from frenetic.oracle.drive import Trajectory
 from frenetic.oracle.outcome import Outcome
 from frenetic.road import Road
 from frenetic.road.classes import RoadClass
@@ -41,6 +43,13 @@ PAGE = Path(__file__).parents[2] / "docs" / "files.md"
 @pytest.fixture(scope="session")
 def campaign(sample_campaign: Path) -> Path:
     return sample_campaign
+
+
+def rows_on_page(table: str) -> list[str]:
+    """Return the rows about a table's columns, without their first bar."""
+    text = PAGE.read_text(encoding="utf-8")
+    section = text[text.index(f"**{table}**, one row per") :].split("\n\n")[1]
+    return re.findall(r"^\| (`.*)$", section, re.MULTILINE)
 
 
 def expected(test: Test) -> dict[str, Any]:
@@ -68,10 +77,10 @@ def expected(test: Test) -> dict[str, Any]:
         **dict.fromkeys(NAMES),
         "moobd": result.moobd,
         "moobd_distance": result.moobd_distance,
-        "distance": result.distance,
         "max_oob_share": result.max_oob_share,
         "objective": test.objective,
         "duration": result.duration and round(result.duration, 6),
+        "distance": result.distance,
         "departure_time": departure and round(departure.time, 6),
         "departure_distance": departure and departure.distance,
         "departure_x": departure and departure.x,
@@ -112,10 +121,8 @@ def test_a_frame_has_the_values_of_the_tests(campaign: Path) -> None:
     rows = expected_rows(campaign)
     assert rows_of(frame) == rows
     assert list(frame.columns) == list(rows[0])
-    text = PAGE.read_text(encoding="utf-8")
     for table, columns in TABLES.items():  # the page names every column and no other
-        section = text[text.index(f"**{table}**, one row per") :].split("\n\n")[1]
-        named = re.findall(r"^\| (`.*?) \|", section, re.MULTILINE)
+        named = [row.partition("|")[0] for row in rows_on_page(table)]
         assert {name for row in named for name in re.findall(r"`(\w+)`", row)} == {*columns}
     assert {row["outcome"] for row in rows} == {"PASS", "FAIL", "INVALID", "DROPPED"}
 
@@ -236,8 +243,73 @@ def test_trajectories_of_a_frame_are_the_tests_trajectories(campaign: Path) -> N
     assert list(by_id) == sorted(test.id for test in driven)
     for test in driven:
         assert test.trajectory is not None
-        rows = by_id[test.id].drop(columns="id").to_numpy()
+        rows = by_id[test.id][list(Trajectory.names())].to_numpy()
         assert np.array_equal(rows, test.trajectory.to_rows())
+
+
+def test_records_are_located_on_their_road(campaign: Path) -> None:
+    by_id = {int(n): rows for n, rows in data_frame(campaign, "trajectories").groupby("id")}
+    ends = set()
+    with CampaignStore.open(campaign) as store:
+        for test in store.tests(with_trajectory=True):
+            if not test.outcome.is_driven or test.trajectory is None:
+                continue
+            rows, result = by_id[test.id], test.result
+            driven = rows[rows["time"] <= (result.duration or 0.0) + 1e-3]
+            along = test.road.track(driven[["x", "y"]].to_numpy())
+            offsets = along[:, 1] + 0.5 * test.lane_width
+            assert driven["distance"].to_numpy() == pytest.approx(along[:, 0], abs=1e-4)
+            assert driven["lateral_offset"].to_numpy() == pytest.approx(offsets, abs=1e-4)
+            assert driven["distance"].iloc[-1] == pytest.approx(result.distance, abs=5e-4)
+            moobd = (0.5 * test.lane_width - driven["lateral_offset"].abs()).min()
+            assert moobd == pytest.approx(result.moobd, abs=5e-4)
+            assert driven["oob_share"].max() == pytest.approx(result.max_oob_share, abs=5e-4)
+            after = rows[rows["time"] > (result.duration or 0.0) + 1e-3]
+            assert after[["distance", "lateral_offset", "oob_share"]].isna().all(axis=None)
+            ends.add(test.outcome)
+    assert ends == {Outcome.PASS, Outcome.FAIL}
+
+
+def test_records_after_the_end_of_a_drive_and_of_an_unknown_road_are_missing(
+    rewrite_campaign: RewriteCampaign,
+) -> None:
+    def change(test: Test) -> Test:
+        path = test.trajectory
+        if path is None or test.result_number not in (1, 2):
+            return test
+        if test.result_number == 2:
+            return replace(test, pose=None)
+        goes_on = {name: np.append(getattr(path, name), 0.0) for name in Trajectory.names()}
+        goes_on["time"][-1] = path.time[-1] + 0.05
+        return replace(test, trajectory=Trajectory(**goes_on))
+
+    frame = data_frame(rewrite_campaign(change), "trajectories")
+    longer, nowhere = (frame[frame["id"] == number] for number in frame["id"].unique()[:2])
+    assert longer["oob_share"].isna().tolist() == [False] * (len(longer) - 1) + [True]
+    assert nowhere["distance"].isna().all()
+
+
+def test_frames_have_units_and_the_box_of_the_car(campaign: Path) -> None:
+    tests, records = data_frame(campaign), data_frame(campaign, "trajectories")
+    assert tests.attrs["units"]["moobd"] == "m"
+    assert "outcome" not in tests.attrs["units"]
+    assert records.attrs["units"]["lateral_speed"] == "m/s"
+    body = EmbeddedSimulator().car
+    assert records.attrs["cars"] == {campaign.as_posix(): asdict(body)}
+    assert body.centre_ahead == pytest.approx(-0.133, abs=1e-3)
+
+
+def test_the_page_has_the_unit_of_each_column() -> None:
+    for table, columns in COLUMNS.items():
+        texts = {
+            name: row.partition("|")[2]
+            for row in rows_on_page(table)
+            for name in re.findall(r"`(\w+)`", row.partition("|")[0])
+        }
+        for column in columns:
+            text = texts[column.name]
+            for unit in filter(None, column.unit.split(", ")):
+                assert re.search(rf"(?<![\w/]){re.escape(unit)}(?![\w/²])", text), column
 
 
 @pytest.mark.parametrize(

@@ -47,7 +47,7 @@ class Column:
     about: str
     """Meaning of the value, for people."""
     unit: str = ""
-    """Unit of the value; empty for a text, a share or a number."""
+    """Unit of the value, of both values of a pair; empty for a text, a share or a number."""
 
     @cached_property
     def attributes(self) -> list[str]:
@@ -158,7 +158,7 @@ CANDIDATE_COLUMNS: Final = (
         "ids of the candidates that the road was made from",
     ),
     Column("generation", "candidate.origin.generation", "INTEGER", "0 for a random road"),
-    Column("step", "candidate.step", "REAL", "between two curvatures", "m"),
+    Column("step", "candidate.step", "REAL", "distance between two curvatures", "m"),
     Column(
         "curvatures",
         "candidate.curvatures",
@@ -177,20 +177,25 @@ CANDIDATE_COLUMNS: Final = (
         "superelevation",
         "candidate.superelevation",
         "PAIRS",
-        "distance along the road in m, slope across it",
+        "distance along the road, slope across it",
+        "m, m/m",
     ),
-    Column("grade", "candidate.grade", "PAIRS", "distance along the road in m, slope along it"),
+    Column(
+        "grade", "candidate.grade", "PAIRS", "distance along the road, slope along it", "m, m/m"
+    ),
     Column(
         "widening",
         "candidate.widening",
         "PAIRS",
-        "distance along the road in m, m by which lanes widen",
+        "distance along the road, width by which lanes are wider there",
+        "m, m",
     ),
     Column(
         "speed_limits",
         "candidate.speed_limits",
         "PAIRS",
-        "distance along the road in m, km/h from there on",
+        "distance along the road, speed limit from there on",
+        "m, km/h",
     ),
     Column(
         "conditions",
@@ -210,11 +215,9 @@ RESULT_COLUMNS: Final = (
     Column("reason", "result.reason", "TEXT", "reason of the outcome"),
     Column("budget_spent", "budget_spent", "REAL", "share of the budget spent after the result"),
     Column("reported_share", "reported_share", "REAL", "spent share that a client reported"),
-    Column("x", "pose.x", "REAL", "of the pose in which the road starts on the map", "m"),
-    Column("y", "pose.y", "REAL", "of the pose in which the road starts on the map", "m"),
-    Column(
-        "heading", "pose.heading", "REAL", "of the pose in which the road starts on the map", "rad"
-    ),
+    Column("x", "pose.x", "REAL", "of the start of the road on the map", "m"),
+    Column("y", "pose.y", "REAL", "of the start of the road on the map", "m"),
+    Column("heading", "pose.heading", "REAL", "of the start of the road on the map", "rad"),
     Column("moobd", "result.moobd", "REAL", "minimum oob distance", "m"),
     Column(
         "moobd_distance",

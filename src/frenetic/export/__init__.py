@@ -4,7 +4,8 @@ from frenetic.export.campaigns import export_campaign
 from frenetic.export.official_format import SimulationRecord
 from frenetic.export.openscenario import to_openscenario
 from frenetic.export.roads import FORMATS, ExportedRoad, format_of, road_format, write_road
-from frenetic.export.tables import TABLES, data_frame
+from frenetic.export.table_columns import TABLES
+from frenetic.export.tables import data_frame
 
 __all__ = [
     "FORMATS",

@@ -3,21 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from frenetic.analysis.campaign_measures import CampaignMeasures
 from frenetic.analysis.curves import campaign_curves
-from frenetic.analysis.measures import MEASURES, campaign_values
+from frenetic.analysis.measures import campaign_values
+from frenetic.export.table_columns import TABLES
 
 if TYPE_CHECKING:
     import pandas as pd
-
-MEASURE_COLUMNS: Final = ("seed", "simulations", "is_finished", *MEASURES)
-"""Columns of the table ``measures``, which has a row per campaign."""
-CURVE_COLUMNS: Final = ("curve", "x", "y")
-"""Columns of the table ``curves``, which has a row per point of a curve of a campaign."""
 
 
 def measure_frame(campaigns: Iterable[CampaignMeasures]) -> pd.DataFrame:
@@ -38,7 +34,7 @@ def measure_frame(campaigns: Iterable[CampaignMeasures]) -> pd.DataFrame:
     return pd.DataFrame(
         {
             name: pd.Series([row[name] for row in rows], dtype=dtypes.get(name, "Float64"))
-            for name in ("campaign", *MEASURE_COLUMNS)
+            for name in ("campaign", *TABLES["measures"])
         }
     )
 

@@ -16,6 +16,8 @@ from frenetic._support.compiled import njit
 
 NEGATIVE_ZERO: Final = -(2**63)
 """Multiple that stands for -0.0."""
+MISSING: Final = NEGATIVE_ZERO + 1
+"""Multiple that stands for a missing number."""
 TRUTH: Final = -1
 """Number of decimals of a column of truth values."""
 _MOST_DIGITS: Final = 24
@@ -27,23 +29,30 @@ _Bytes = npt.NDArray[np.uint8]
 
 
 def decimal_rows(
-    multiples: IntArray, decimals: IntArray, separators: list[bytes], *, has_exponents: bool
+    multiples: IntArray,
+    decimals: IntArray,
+    separators: list[bytes],
+    *,
+    has_exponents: bool,
+    missing: bytes = b"",
 ) -> bytes:
     """Return the rows of a table of decimal numbers as text.
 
     Args:
         multiples: columns of the table, (k, n), in units of their last decimal; `NEGATIVE_ZERO`
-            stands for -0.0.
+            stands for -0.0, `MISSING` for a missing number.
         decimals: number of decimals of each column, (k,); 0 for whole numbers, which have no point;
             `TRUTH` for a column of 0 and 1, which become ``false`` and ``true``.
         separators: text before each column's number, and text after the last, k + 1.
         has_exponents: whether numbers below 1e-4 are written as `repr` does, such as ``5e-05``.
+        missing: text of a missing number, at most 24 characters.
     """
     offsets = np.cumsum([0, *map(len, separators)])
     text = np.frombuffer(b"".join(separators), np.uint8)
     count = multiples.shape[1]
     rows = np.empty(count * (len(text) + _MOST_DIGITS * len(multiples)), np.uint8)
-    size = _write_rows(multiples, decimals, text, offsets, has_exponents, rows)
+    missing_text = np.frombuffer(missing, np.uint8)
+    size = _write_rows(multiples, decimals, text, offsets, has_exponents, missing_text, rows)
     return rows[:size].tobytes()
 
 
@@ -54,6 +63,7 @@ def _write_rows(
     text: _Bytes,
     offsets: IntArray,
     has_exponents: bool,
+    missing: _Bytes,
     rows: _Bytes,
 ) -> int:
     """Write the rows, and return their number of bytes."""
@@ -63,7 +73,11 @@ def _write_rows(
             for j in range(offsets[k], offsets[k + 1]):
                 rows[end] = text[j]
                 end += 1
-            end = _write_number(multiples[k, i], decimals[k], has_exponents, rows, end)
+            if multiples[k, i] == MISSING:
+                rows[end : end + len(missing)] = missing
+                end += len(missing)
+            else:
+                end = _write_number(multiples[k, i], decimals[k], has_exponents, rows, end)
         for j in range(offsets[-2], offsets[-1]):
             rows[end] = text[j]
             end += 1

@@ -17,10 +17,13 @@ import numpy as np
 from msgspec.json import encode
 
 from frenetic._support.printable import text_cell
+from frenetic.export.metadata import described_schema, write_description
+from frenetic.export.table_columns import TABLES
 from frenetic.export.tables import (
     DICTIONARY_COLUMNS,
     CampaignSource,
     campaigns_of,
+    cars_of,
     condition_names,
     frame_of,
     open_store,
@@ -66,6 +69,7 @@ def write_tables(
     require_extra(f"the format {format}")
     campaigns, are_named = campaigns_of(source)
     conditions = condition_names(campaigns)
+    cars = cars_of(campaigns)
     done = total = 0
     for campaign in campaigns:
         with open_store(campaign) as store:
@@ -79,13 +83,19 @@ def write_tables(
         if driven is not None:
             trajectory_file = TRAJECTORY_FILES[format]
             write_trajectories = files.enter_context(
-                trajectory_file(folder / "trajectories", are_named=are_named)
+                trajectory_file(folder / "trajectories", are_named=are_named, cars=cars)
             )
         while True:
             batch = list(islice(tests, TESTS_AT_ONCE))
             frame = frame_of("tests", batch, conditions, are_named=are_named)
             if write_frame is None:  # the first frame says which columns the file has
                 write_frame = files.enter_context(_FILES[format](folder / "tests", frame))
+                if format != "parquet":  # which holds it in its own files
+                    names = {"tests": tuple(map(str, frame))}
+                    if driven is not None:
+                        first = ("campaign",) if are_named else ()
+                        names["trajectories"] = (*first, *TABLES["trajectories"])
+                    write_description(folder, names, cars)
             write_frame(frame)
             write_trajectories([item for item in batch if item[1].outcome in (driven or ())])
             done += len(batch)
@@ -134,7 +144,7 @@ def _parquet_file(path: Path, first: pd.DataFrame) -> Iterator[FrameWriter]:
     lists |= dict.fromkeys(profile.NAMES, pa.list_(numbers))
     inferred = pa.Schema.from_pandas(_with_texts(first, texts), preserve_index=False)
     fields = [pa.field(item.name, lists.get(item.name, item.type)) for item in inferred]
-    schema = pa.schema(fields, inferred.metadata)
+    schema = described_schema(pa.schema(fields, inferred.metadata), "tests", {})
     with ParquetWriter(path.with_suffix(".parquet"), schema, compression="zstd") as file:
         yield lambda frame: file.write_table(
             pa.Table.from_pandas(_with_texts(frame, texts), schema, preserve_index=False)

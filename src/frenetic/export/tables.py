@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
-from contextlib import AbstractContextManager, nullcontext
+from contextlib import AbstractContextManager, nullcontext, suppress
+from dataclasses import asdict
 from operator import attrgetter
 from pathlib import Path
-from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Final, Literal, TypeAlias, get_args
 
 import numpy as np
@@ -20,13 +20,10 @@ from frenetic.campaign.columns import TEST_COLUMNS
 from frenetic.campaign.record import Test
 from frenetic.campaign.store import CampaignStore
 from frenetic.conditions.condition import SEED
-from frenetic.errors import FreneticError
-from frenetic.export.campaign_tables import (
-    CURVE_COLUMNS,
-    MEASURE_COLUMNS,
-    curve_frame,
-    measure_frame,
-)
+from frenetic.errors import CampaignError, FreneticError
+from frenetic.export.campaign_tables import curve_frame, measure_frame
+from frenetic.export.record_columns import measured_values
+from frenetic.export.table_columns import CONDITION, MEASURED, TABLES, column_of
 from frenetic.oracle.drive import Trajectory
 from frenetic.oracle.outcome import Outcome, chosen_outcomes
 from frenetic.oracle.verdict import Side
@@ -50,31 +47,6 @@ _KINDS: Final = {column.name: column.kind for column in TEST_COLUMNS}
 """Name of a column -> kind of its values in the database."""
 _DEPARTURE: Final = ("time", "distance", "x", "y", "side")
 """Attributes of a departure that have a column."""
-_COLUMN_ORDER: Final = """
-    id result_number outcome reason operator parents generation
-    length max_curvature largest_change curvatures step x y heading
-    superelevation grade widening speed_limits
-    moobd moobd_distance max_oob_share objective duration distance
-    departure_time departure_distance departure_x departure_y departure_side
-    seconds elapsed attempts worker budget_spent finished_at
-    repeat source notes fault records
-"""
-TABLES: Final[Mapping[str, tuple[str, ...]]] = MappingProxyType(
-    {
-        "tests": tuple(_COLUMN_ORDER.split()),
-        "trajectories": ("id", *Trajectory.names()),
-        "measures": MEASURE_COLUMNS,
-        "curves": CURVE_COLUMNS,
-    }
-)
-"""Name of a table -> its columns.
-
-With several campaigns a column ``campaign`` comes first. In the table ``tests`` a column for each
-condition that some test has, such as ``condition_friction``, comes last.
-"""
-
-_CONDITION: Final = "condition_"
-"""Beginning of the names of conditions' columns."""
 _KIND_DTYPES: Final = {
     "INTEGER": "int64",
     "REAL": "Float64",
@@ -86,7 +58,7 @@ _KIND_DTYPES: Final = {
 """Kind of values in the database -> type of their column in pandas."""
 _COLUMN_DTYPES: Final = {
     "campaign": "string",
-    f"{_CONDITION}{SEED}": "Int64",
+    f"{CONDITION}{SEED}": "Int64",
     **dict.fromkeys(("length", "step", "seconds", "elapsed", "budget_spent"), "float64"),
     "finished_at": "datetime64[ms, UTC]",
     "records": "Int64",
@@ -118,11 +90,15 @@ def data_frame(
     Source, notes and fault are dictionaries. ``finished_at`` is a time in UTC. A measure is
     infinite if its event never happened, such as a first failure.
 
+    ``frame.attrs["units"]`` has the units of the columns by name. Of trajectories,
+    ``frame.attrs["cars"]`` has the box of each campaign's car in m: length, width, and how far the
+    box's centre lies ahead of the centre of mass.
+
     Args:
         source: a campaign, open or not, its folder, a folder of several campaigns, such as a
             bench's, or a list of folders.
         table: ``tests``, with a row per candidate that has a result; ``trajectories``, with a row
-            per record of a drive, which takes 96 bytes, an ordinary test 25 kB; ``measures``, with
+            per record of a drive, which takes 120 bytes, an ordinary test 40 kB; ``measures``, with
             a row per campaign; or ``curves``, with a row per point of a campaign's curves.
         outcomes: one outcome, such as ``"FAIL"``, or several: only their tests are returned. Empty
             for all tests. Measures and curves are of all tests.
@@ -142,9 +118,27 @@ def data_frame(
     if table in ("measures", "curves"):
         measured = map(_measured, campaigns)
         frame = measure_frame(measured) if table == "measures" else curve_frame(measured)
-        return frame if are_named else frame.drop(columns="campaign")
-    tests = read_tests(campaigns, wanted, with_trajectory=table == "trajectories")
-    return frame_of(table, tests, condition_names(campaigns), are_named=are_named)
+        frame = frame if are_named else frame.drop(columns="campaign")
+    else:
+        tests = read_tests(campaigns, wanted, with_trajectory=table == "trajectories")
+        frame = frame_of(table, tests, condition_names(campaigns), are_named=are_named)
+    units = {str(name): column_of(table, str(name)).unit for name in frame}
+    frame.attrs["units"] = {name: unit for name, unit in units.items() if unit}
+    if table == "trajectories":
+        frame.attrs["cars"] = cars_of(campaigns)
+    return frame
+
+
+def cars_of(campaigns: Iterable[CampaignSource]) -> dict[str, dict[str, float]]:
+    """Return the box of each campaign's car, see `CarBody`, by the campaign's folder.
+
+    A campaign that does not record its car is left out.
+    """
+    cars: dict[str, dict[str, float]] = {}
+    for campaign in campaigns:
+        with open_store(campaign) as store, suppress(CampaignError):
+            cars[store.folder.as_posix()] = asdict(store.setting.car)
+    return cars
 
 
 def require_extra(purpose: str) -> None:
@@ -236,7 +230,7 @@ def _test_frame(tests: Iterable[CampaignTest], conditions: Iterable[str]) -> pd.
     """Return the table ``tests``, with the column ``campaign``."""
     import pandas as pd  # an extra
 
-    names = ("campaign", *TABLES["tests"], *(f"{_CONDITION}{name}" for name in conditions))
+    names = ("campaign", *TABLES["tests"], *(f"{CONDITION}{name}" for name in conditions))
     values: dict[str, list[Any]] = {name: [] for name in names}
     for campaign, test in tests:
         row = _row_of(test)
@@ -272,7 +266,7 @@ def _row_of(test: Test) -> dict[str, Any]:
     if departure is not None:
         row |= {f"departure_{name}": getattr(departure, name) for name in _DEPARTURE}
         row["departure_time"] = rounded_seconds(departure.time)
-    row |= {f"{_CONDITION}{name}": amount for name, amount in candidate.conditions.items()}
+    row |= {f"{CONDITION}{name}": amount for name, amount in candidate.conditions.items()}
     # A road has also the profiles that follow from its class; a refused candidate may have no road.
     has_road = test.pose is not None and len(curvatures) > 1 and _has_profiles(test)
     for name in profile.NAMES:
@@ -291,13 +285,21 @@ def _trajectory_frame(tests: Iterable[CampaignTest]) -> pd.DataFrame:
     """Return the table ``trajectories``, with the column ``campaign``."""
     import pandas as pd  # an extra
 
-    driven = [(folder, test.id, test.trajectory) for folder, test in tests if test.trajectory]
-    lengths = np.array([len(trajectory) for *_, trajectory in driven], np.int64)
+    driven = [
+        (folder, test.id, test.trajectory, measured_values(test))
+        for folder, test in tests
+        if test.trajectory
+    ]
+    lengths = np.array([len(trajectory) for *_, trajectory, _ in driven], np.int64)
     folders = pd.Series([folder for folder, *_ in driven], dtype="string")
-    ids = np.array([test_id for _, test_id, _ in driven], np.int64)
+    ids = np.array([test_id for _, test_id, *_ in driven], np.int64)
     columns = {
-        name: np.concatenate([np.empty(0), *(getattr(records, name) for *_, records in driven)])
+        name: np.concatenate([np.empty(0), *(getattr(records, name) for *_, records, _ in driven)])
         for name in Trajectory.names()
+    }
+    columns |= {
+        column.name: np.concatenate([np.empty(0), *(measured[k] for *_, measured in driven)])
+        for k, column in enumerate(MEASURED)
     }
     campaigns = folders.repeat(lengths).reset_index(drop=True)
     return pd.DataFrame({"campaign": campaigns, "id": np.repeat(ids, lengths), **columns})

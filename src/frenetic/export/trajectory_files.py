@@ -16,9 +16,14 @@ from typing import Final, TypeAlias
 import numpy as np
 from msgspec.json import encode
 
+from frenetic._support.arrays import IntArray
 from frenetic._support.printable import text_cell
+from frenetic.campaign.record import Test
 from frenetic.campaign.trajectory_codec import RESOLUTIONS, to_steps
 from frenetic.export.decimal_text import decimal_rows
+from frenetic.export.metadata import Cars, described_schema
+from frenetic.export.record_columns import DECIMALS, measured_multiples, measured_values
+from frenetic.export.table_columns import MEASURED
 from frenetic.export.tables import CampaignTest, frame_of
 from frenetic.oracle.drive import Trajectory
 
@@ -26,23 +31,33 @@ RowWriter: TypeAlias = Callable[[Sequence[CampaignTest]], object]
 """Function that appends the trajectories of tests to an open file."""
 
 _NAMES: Final = Trajectory.names()
-_DECIMALS: Final = np.array([round(-math.log10(RESOLUTIONS[name])) for name in _NAMES])
-"""Number of decimals of each column of a stored trajectory."""
+_ALL_NAMES: Final = (*_NAMES, *(column.name for column in MEASURED))
+_DECIMALS: Final = np.array(
+    [*(round(-math.log10(RESOLUTIONS[name])) for name in _NAMES), *[DECIMALS] * len(MEASURED)]
+)
+"""Number of decimals of each column of a trajectory."""
 
-_REPEATED: Final = ("id", "time", "steering_input", "throttle", "brake")
+_REPEATED: Final = ("id", "time", "steering_input", "throttle", "brake", "oob_share")
 """Columns with few different values, for which Parquet keeps a dictionary: for the others it would
 take a third of the time, and more bytes."""
 
 
+def _multiples(test: Test) -> IntArray:
+    """Return the columns of a trajectory, (14, n), in units of their last decimal."""
+    assert test.trajectory is not None, "the caller has looked"
+    return np.concatenate((to_steps(test.trajectory), measured_multiples(test)))
+
+
 @contextmanager
-def _json_file(path: Path, *, are_named: bool) -> Iterator[RowWriter]:
+def _json_file(path: Path, *, are_named: bool, cars: Cars) -> Iterator[RowWriter]:  # noqa: ARG001
     """Yield a function that appends trajectories to a file, as a JSON object per record and line.
 
     Args:
         path: path without suffix.
         are_named: whether the rows have the folder of their campaign.
+        cars: boxes of the campaigns' cars, for the metadata of a format that has any.
     """
-    between = [f',"{name}":'.encode() for name in _NAMES]
+    between = [f',"{name}":'.encode() for name in _ALL_NAMES]
     with path.with_suffix(".jsonl").open("wb") as file:
 
         def write(tests: Sequence[CampaignTest]) -> None:
@@ -52,7 +67,11 @@ def _json_file(path: Path, *, are_named: bool) -> Iterator[RowWriter]:
                     separators = [encode(first)[:-1] + between[0], *between[1:], b"}\n"]
                     file.write(
                         decimal_rows(
-                            to_steps(test.trajectory), _DECIMALS, separators, has_exponents=False
+                            _multiples(test),
+                            _DECIMALS,
+                            separators,
+                            has_exponents=False,
+                            missing=b"null",
                         )
                     )
 
@@ -60,13 +79,13 @@ def _json_file(path: Path, *, are_named: bool) -> Iterator[RowWriter]:
 
 
 @contextmanager
-def _csv_file(path: Path, *, are_named: bool) -> Iterator[RowWriter]:
+def _csv_file(path: Path, *, are_named: bool, cars: Cars) -> Iterator[RowWriter]:  # noqa: ARG001
     """Yield a function that appends trajectories to a CSV file, see `_json_file`.
 
     No spreadsheet reads a text in it as a formula.
     """
-    names = ["campaign", "id", *_NAMES] if are_named else ["id", *_NAMES]
-    between = [b","] * (len(_NAMES) - 1)
+    names = ["campaign", "id", *_ALL_NAMES] if are_named else ["id", *_ALL_NAMES]
+    between = [b","] * (len(_ALL_NAMES) - 1)
     with path.with_suffix(".csv").open("wb") as file:
         file.write(_csv_line(names))
 
@@ -76,9 +95,7 @@ def _csv_file(path: Path, *, are_named: bool) -> Iterator[RowWriter]:
                     cells = [text_cell(campaign), test.id] if are_named else [test.id]
                     separators = [_csv_line(cells)[:-1] + b",", *between, b"\n"]
                     file.write(
-                        decimal_rows(
-                            to_steps(test.trajectory), _DECIMALS, separators, has_exponents=True
-                        )
+                        decimal_rows(_multiples(test), _DECIMALS, separators, has_exponents=True)
                     )
 
         yield write
@@ -92,13 +109,14 @@ def _csv_line(cells: Sequence[object]) -> bytes:
 
 
 @contextmanager
-def _parquet_file(path: Path, *, are_named: bool) -> Iterator[RowWriter]:
+def _parquet_file(path: Path, *, are_named: bool, cars: Cars) -> Iterator[RowWriter]:
     """Yield a function that appends trajectories to a Parquet file, see `_json_file`."""
     import pyarrow as pa  # an extra
     from pyarrow.parquet import ParquetWriter  # an extra
 
     empty = frame_of("trajectories", (), (), are_named=are_named)
-    schema = pa.Schema.from_pandas(empty, preserve_index=False)
+    inferred = pa.Schema.from_pandas(empty, preserve_index=False)
+    schema = described_schema(inferred, "trajectories", cars)
     repeated = [name for name in (*_REPEATED, "campaign") if name in schema.names]
     with ParquetWriter(
         path.with_suffix(".parquet"), schema, compression="zstd", use_dictionary=repeated
@@ -106,16 +124,20 @@ def _parquet_file(path: Path, *, are_named: bool) -> Iterator[RowWriter]:
 
         def write(tests: Sequence[CampaignTest]) -> None:
             driven = [
-                (campaign, test.id, test.trajectory) for campaign, test in tests if test.trajectory
+                (campaign, test.id, test.trajectory, measured_values(test))
+                for campaign, test in tests
+                if test.trajectory
             ]
             if not driven:
                 return
-            counts = [len(trajectory) for *_, trajectory in driven]
-            ids = np.repeat([test_id for _, test_id, _ in driven], counts)
+            counts = [len(trajectory) for *_, trajectory, _ in driven]
+            ids = np.repeat([test_id for _, test_id, *_ in driven], counts)
             columns = [pa.array(ids, pa.int64())]
             for name in _NAMES:
-                values = np.concatenate([getattr(trajectory, name) for *_, trajectory in driven])
+                values = np.concatenate([getattr(records, name) for *_, records, _ in driven])
                 columns.append(pa.array(values))
+            measured = np.concatenate([values for *_, values in driven], axis=1)
+            columns += [pa.array(values, from_pandas=True) for values in measured]  # NaN is null
             if are_named:
                 names = np.repeat(np.array([campaign for campaign, *_ in driven], object), counts)
                 columns.insert(0, pa.array(names, schema.field("campaign").type))
@@ -129,4 +151,4 @@ TRAJECTORY_FILES: Final[Mapping[str, Callable[..., AbstractContextManager[RowWri
     "csv": _csv_file,
     "parquet": _parquet_file,
 }
-"""Format -> function of a path without suffix and of `are_named` that opens a file."""
+"""Format -> function of a path without suffix, `are_named` and `cars` that opens a file."""
