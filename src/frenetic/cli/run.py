@@ -45,9 +45,8 @@ def run(
     """Search for roads on which a driver leaves its lane.
 
     Without options, 1000 drives of the built-in planner go into a new folder under campaigns/. The
-    first limit that is reached ends the search: --simulations, --time, --failures, --kilometres or
-    --simulated-time; so does Ctrl-C. FILE.toml, such as a campaign's campaign.toml, sets what
-    options set; options win.
+    first "Stop after" that is reached ends the search; so does Ctrl-C. FILE.toml, such as a
+    campaign's campaign.toml, sets what options set; options win.
     """
     from frenetic.campaign import new_folder
     from frenetic.report import results

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 fail_on_failure_option = click.option(
     "--fail-on-failure",
     is_flag=True,
-    help="End with exit code 1 if a test failed or the simulator broke, for CI.",
+    help="Exit code 1 if a test failed or the simulator broke.",
 )
 
 

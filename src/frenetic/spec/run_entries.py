@@ -141,9 +141,7 @@ class RunEntries(
     ] = field(name="from", default=())
     from_roads: Annotated[
         Text | None,
-        _about(
-            "Start from real roads, .xodr or .json, and keep to the class that they show.", "DIR"
-        ),
+        _about("Start from real roads (.xodr, .json), in their class.", "DIR"),
     ] = None
     seed: Annotated[Index | None, _about("Repeats a search. [default: a new one]", "N")] = None
     max_in_flight: Count | None = None

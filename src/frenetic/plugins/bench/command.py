@@ -76,14 +76,12 @@ _INTERRUPTED: Final = 130
     "--preset",
     metavar="EDITION",
     help="Setting of a competition's edition, as near as ours can be, with its published figures"
-    " beside the results: sbst2021 or sbft2023. FILE.toml and other options win.",
+    " beside the results: sbst2021 or sbft2023. Other entries win.",
 )
 @count_option("--simulations", "Budget of each run, in drives. [default: 200]")
+@click.option("--kilometres", type=float, metavar="KM", help="Budget of each run, in km driven.")
 @click.option(
-    "--kilometres", type=float, metavar="KM", help="Budget of each run, in km of driven road."
-)
-@click.option(
-    "--simulated-time", type=DURATION_TYPE, help="Budget of each run, in simulated time: 30m, 2h."
+    "--simulated-time", type=DURATION_TYPE, help="Budget of each run, simulated: 30m, 2h."
 )
 @count_option("--repeats", "Runs of each entrant. [default: 10]")
 @count_option("--seed", "Seed of the first runs. [default: 1]", least=0)
@@ -96,7 +94,7 @@ _INTERRUPTED: Final = 130
 @entry_option("objective")
 @trust_option
 @click.option(
-    "--workers", type=WORKERS_TYPE, metavar="N", help="Runs at once. [default: as many as cores]"
+    "--workers", type=WORKERS_TYPE, metavar="N", help="Runs at once. [default: the cores]"
 )
 @folder_option("Folder for the results. [default: a new one under benches/]")
 @click.option("--resume", is_flag=True, help="Complete the bench in --out.")
@@ -120,7 +118,7 @@ def bench(
     Generators of the SBST/SBFT competition's pipeline run unmodified, each run in its own process
     and folder, beside our strategies. Every run is a campaign. FILE.toml holds the options and
     more, such as seconds_per_test, patience and speed_limit; bench.toml in every bench's folder is
-    such a file. Options beside it replace its entries.
+    such a file. Options win.
     """
     if as_list:
         _list_recipes(as_json)
