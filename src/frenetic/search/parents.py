@@ -15,9 +15,7 @@ _POOL_AGE = 20  # drives after which the pool is chosen anew; while no failure i
 _RECENT_DRIVES = 1500  # last drives, from whose fitness the threshold follows
 _NEAR_QUANTILE = 0.2  # quantile of these fitness values up to which a drive came near failing
 _CLOSEST_QUANTILE = 0.03  # the same quantile while no failure is known
-_YAWING_SHARE = (
-    0.3  # share of parents that are chosen by yaw acceleration while no failure is known
-)
+_YAWING_SHARE = 0.15  # share of parents chosen by yaw acceleration, while no failure is known
 _MOST_YAWING = 5  # places of the largest yaw acceleration among which they are chosen
 _MIN_POOL = 5  # least number of drives in the pool while no failure is known
 _NEAR_MISS_MOOBD = -0.3  # [m] MOOBD below which a drive came near failing, whatever the driver
