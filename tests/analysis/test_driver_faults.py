@@ -110,4 +110,4 @@ def test_a_caution_says_how_little_passing_roads_prove(tmp_path: Path) -> None:
     assert match is not None
     driven, most = int(match[1]), float(match[2]) / 100.0
     # If this share failed, all these roads would pass once in twenty times.
-    assert (1.0 - most) ** driven == pytest.approx(0.05, abs=0.005)
+    assert (1.0 - most) ** driven == pytest.approx(0.05, abs=0.01)  # two digits

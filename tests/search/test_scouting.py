@@ -7,9 +7,11 @@ from collections import Counter
 import numpy as np
 import pytest
 
+from frenetic._support.arrays import FloatArray
+from frenetic.oracle.drive import Trajectory
 from frenetic.oracle.outcome import Outcome
 from frenetic.oracle.verdict import Finding
-from frenetic.search import Candidate, Evaluation, Frenetic, RandomSearch, Strategy
+from frenetic.search import Candidate, Evaluation, Frenetic, RandomSearch, Strategy, Trace
 from frenetic.search.change_limit import ChangeLimit, largest_change
 from frenetic.search.operators import CURVATURE_BOUND, MAX_CHANGE
 from frenetic.search.road_families import FAMILIES, FamilyChoice
@@ -22,6 +24,15 @@ def result(candidate: Candidate, moobd: float) -> Evaluation:
     finding = Finding.departure("left", place) if moobd < -1.5 else None
     outcome = Outcome.PASS if finding is None else Outcome.FAIL
     return Evaluation(candidate, outcome, moobd, 0.1, finding=finding, worst_place=place)
+
+
+def turned(candidate: Candidate, yaw_rate: FloatArray) -> Evaluation:
+    """Return a drive that passed with these yaw rates, (3,) in rad/s."""
+    columns = {name: np.zeros(3) for name in Trajectory.names()}
+    columns |= {"time": np.array([0.0, 0.05, 0.1]), "yaw_rate": yaw_rate}
+    distance = np.linspace(0.0, candidate.length, 3)
+    trace = Trace(distance, np.full(3, 0.5), np.full(3, 9.0), Trajectory(**columns))
+    return Evaluation(candidate, Outcome.PASS, 1.0, 0.1, worst_place=60.0, read_trace=lambda: trace)
 
 
 def fears_a_slalom(candidate: Candidate) -> float:
@@ -130,10 +141,13 @@ def test_the_search_begins_sooner_than_random_roads() -> None:
 
 
 def test_a_car_that_is_turned_abruptly_becomes_a_parent() -> None:
-    search = Frenetic(seed=7)
-    origins = []
-    for _ in range(40):
+    """All drives come equally near failing; one of them turns the car abruptly."""
+    search = Frenetic(seed=7, sharper_after=10_000)
+    abrupt, parents = 3, Counter[int]()
+    for _ in range(120):
         candidate = search.ask()
-        origins.append(candidate.origin)
-        search.tell(result(candidate, 1.0))
-    assert sum(bool(origin.parents) for origin in origins) > 15
+        parents.update(candidate.origin.parents)
+        yaw_rate = np.zeros(3)
+        yaw_rate[1] = 5.0 if candidate.id == abrupt else 0.1
+        search.tell(turned(candidate, yaw_rate))
+    assert parents[abrupt] > 2 * parents.total() / len(parents)

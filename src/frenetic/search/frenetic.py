@@ -79,10 +79,10 @@ _KNOWN_DIFFERENCE = 1.0  # [m] difference from the known failures up to which no
 class Frenetic(Strategy):
     """A `Strategy` that looks for failures unlike the known ones, for any driver.
 
-    1. *Scouting*, until a road fails: after the first five roads, three roads in ten are random.
-       They are of several families, see `road_families`; the nearer a family's roads bring the car
-       to failing, the more often it is drawn. The other roads are children of the worst roads so
-       far, or of those on which the car was turned most abruptly.
+    1. *Scouting*, until a road fails: the first five roads are random, and ever fewer of the next
+       thirty, down to three in ten. They are of several families, see `road_families`; the nearer
+       a family's roads bring the car to failing, the more often it is drawn. The other roads are
+       children of the worst roads so far, or of those on which the car was turned most abruptly.
        *Random phase*, once a road has failed: roads are random, until there are `random_roads`
        roads in all, or fewer if they take `random_budget` of the budget. Later one road in twenty
        is random. Now the families are drawn that bring new failures.

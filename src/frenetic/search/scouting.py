@@ -15,7 +15,8 @@ from frenetic.search.road_families import FAMILIES, FamilyChoice
 
 # The values are our choice.
 _FIRST_ROADS = 5  # random roads before the first child
-_RANDOM_SHARE = 0.3  # share of random roads, after these, while no failure is known
+_LEARNING_DRIVES = 30  # drives, after these, over which the share of random roads falls
+_RANDOM_SHARE = 0.3  # share of random roads to which it falls, while no failure is known
 _SHARP_RANDOM_SHARE = 0.5  # the same share among roads that may be sharper
 
 
@@ -76,10 +77,11 @@ class Scouting:
     @property
     def random_share(self) -> float:
         """Chance that the next road is random rather than a child, while no failure is known."""
-        if self._parents.drives < _FIRST_ROADS:
-            return 1.0
         limit = self._change_limit
-        return _SHARP_RANDOM_SHARE if limit is not None and limit.is_lifted else _RANDOM_SHARE
+        is_sharp = limit is not None and limit.is_lifted
+        share = _SHARP_RANDOM_SHARE if is_sharp else _RANDOM_SHARE
+        drives_after = self._parents.drives - _FIRST_ROADS
+        return max(share, 1.0 - max(drives_after, 0) / _LEARNING_DRIVES)
 
     def choose_family(self) -> str:
         """Return the family of the next random road."""
