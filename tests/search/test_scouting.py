@@ -134,6 +134,14 @@ def test_a_failure_within_the_usual_change_ends_sharper_roads() -> None:
     assert limit.has_lifted(21)
 
 
+def test_nothing_is_sharper_than_roads_of_any_change() -> None:
+    limits = np.array([CURVATURE_BOUND, 3.0 * CURVATURE_BOUND])
+    limit = ChangeLimit(limits, sharper_after=0)
+    limit.choose(np.random.default_rng(1), 1000, has_failures=False)
+    assert not limit.has_lifted(1000)
+    assert limits[1] == 3.0 * CURVATURE_BOUND
+
+
 def test_the_search_begins_sooner_than_random_roads() -> None:
     scouting = [first_failure(Frenetic(seed=s), fears_a_slalom, 100) for s in range(9)]
     random = [first_failure(RandomSearch(seed=s), fears_a_slalom, 100) for s in range(9)]

@@ -27,6 +27,7 @@ class ChangeLimit:
 
     def __init__(self, limits: FloatArray, sharper_after: int) -> None:
         self._limits = limits
+        self._largest_change = 2.0 * float(limits[0])  # from one bound to the other
         self.usual_change = float(limits[1])
         """Largest change of usual roads, in 1/m."""
         self._sharper_after = sharper_after
@@ -48,11 +49,12 @@ class ChangeLimit:
         self.is_lifted = self.has_lifted(drives) and (
             fails_only_if_sharp or rng.random() < _SHARP_SHARE
         )
-        self._limits[1] = 2.0 * self._limits[0] if self.is_lifted else self.usual_change
+        self._limits[1] = self._largest_change if self.is_lifted else self.usual_change
 
     def has_lifted(self, drives: int) -> bool:
         """Return whether sharper roads are tried after so many drives."""
-        return drives - self._last_failure >= self._sharper_after
+        is_limited = self.usual_change < self._largest_change
+        return is_limited and drives - self._last_failure >= self._sharper_after
 
     def learn_failure(self, curvatures: FloatArray, drives: int) -> None:
         """Learn that a road of these curvatures, (n,) in 1/m, failed in the last of the drives."""
