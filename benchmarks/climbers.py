@@ -13,6 +13,7 @@ it is driven and costs no simulation. The defaults are the best of a few lengths
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from typing import Annotated, Final
 
 import numpy as np
@@ -48,26 +49,45 @@ REFUSED: Final = 3.0
 
 
 class Climber(Strategy):
-    """What both climbers share: their roads, and which of these may be driven."""
+    """What both climbers share: which of their samples may be driven, and as which roads."""
 
     def __init__(self, seed: int, map_size: float, max_change: float) -> None:
         self._rng = np.random.default_rng(seed)
         self._ledger = Ledger()
         self._map_check = MapCheck(map_size, None)
         self._max_change = max_change
+        self._begin()
 
     def keep_map_margin(self, map_margin: float) -> None:
         """Refuse roads that come nearer than `map_margin` m to the map's edge."""
         self._map_check.keep_map_margin(map_margin)
 
-    def _road(self, values: FloatArray) -> FloatArray:
-        """Return curvatures, (n,) in 1/m, within the bound and the largest change."""
-        road = np.clip(values, -CURVATURE_BOUND, CURVATURE_BOUND)
-        limit_changes(road, 0, self._max_change)
-        return road
+    @abstractmethod
+    def _begin(self) -> None:
+        """Begin anew from a random road."""
 
-    def _is_valid(self, road: FloatArray) -> bool:
-        return self._map_check(road, STEP)
+    @abstractmethod
+    def _sample(self) -> FloatArray:
+        """Return a sample, (n,) in 1/m, which may exceed the bound and the largest change."""
+
+    def _learn_refusal(self, sample: FloatArray) -> None:
+        """Learn that the road of a sample is refused."""
+
+    def _drivable(self) -> tuple[FloatArray, FloatArray]:
+        """Return a sample and its road, (n,) in 1/m each, which keeps bound and largest change.
+
+        The road may be driven, unless the map and the rules refuse nearly all.
+        """
+        for drawn in range(1, 10 * MOST_REFUSED):
+            sample = self._sample()
+            road = np.clip(sample, -CURVATURE_BOUND, CURVATURE_BOUND)
+            limit_changes(road, 0, self._max_change)
+            if self._map_check(road, STEP):
+                break
+            self._learn_refusal(sample)
+            if drawn % MOST_REFUSED == 0:
+                self._begin()
+        return sample, road
 
 
 class OnePlusOne(Climber):
@@ -93,9 +113,8 @@ class OnePlusOne(Climber):
         max_change: Positive = MAX_CHANGE,
     ) -> None:
         self.options = checked_options(locals(), OnePlusOne.__init__)
-        super().__init__(seed, map_size, max_change)
         self._values, self._first_sigma, self._stall = values, sigma, stall
-        self._begin()
+        super().__init__(seed, map_size, max_change)
 
     def _begin(self) -> None:
         self._parent = self._rng.uniform(-START, START, self._values)
@@ -103,14 +122,12 @@ class OnePlusOne(Climber):
 
     def ask(self) -> Candidate:
         """Return a mutant of the parent that may be driven."""
-        for drawn in range(1, 10 * MOST_REFUSED):
-            mutation = self._sigma * self._rng.normal(size=self._values)
-            road = self._road(self._parent + mutation)
-            if self._is_valid(road):
-                break
-            if drawn % MOST_REFUSED == 0:
-                self._begin()
+        _, road = self._drivable()
         return self._ledger.issue(road, STEP, Origin(MUTATED))
+
+    def _sample(self) -> FloatArray:
+        mutant: FloatArray = self._parent + self._sigma * self._rng.normal(size=self._values)
+        return mutant
 
     def tell(self, evaluation: Evaluation) -> None:
         """Learn the result of a candidate.
@@ -151,10 +168,9 @@ class CmaEs(Climber):
         max_change: Positive = MAX_CHANGE,
     ) -> None:
         self.options = checked_options(locals(), CmaEs.__init__)
-        super().__init__(seed, map_size, max_change)
         self._values, self._sigma = values, sigma
         self._samples: dict[int, FloatArray] = {}  # of outstanding candidates
-        self._begin()
+        super().__init__(seed, map_size, max_change)
 
     def _begin(self) -> None:
         self._results: list[tuple[FloatArray, float]] = []
@@ -167,17 +183,17 @@ class CmaEs(Climber):
 
     def ask(self) -> Candidate:
         """Return a sampled road that may be driven."""
-        for drawn in range(1, 10 * MOST_REFUSED):
-            sample = self._cma.ask()
-            road = self._road(sample)
-            if self._is_valid(road):
-                break
-            self._learn(sample, REFUSED)
-            if drawn % MOST_REFUSED == 0:
-                self._begin()
+        sample, road = self._drivable()
         candidate = self._ledger.issue(road, STEP, Origin(SAMPLED))
         self._samples[candidate.id] = sample
         return candidate
+
+    def _sample(self) -> FloatArray:
+        sample: FloatArray = self._cma.ask()
+        return sample
+
+    def _learn_refusal(self, sample: FloatArray) -> None:
+        self._learn(sample, REFUSED)
 
     def tell(self, evaluation: Evaluation) -> None:
         """Learn the result of a candidate.
