@@ -6,6 +6,7 @@ import math
 from collections import Counter
 from collections.abc import Callable, Iterator
 from dataclasses import replace
+from functools import partial
 from typing import Annotated, TypeAlias, TypeVar
 
 import numpy as np
@@ -199,12 +200,10 @@ class RandomRoads:
             family: Family of a road without a class, see `FAMILIES`. If all its draws are refused,
                 the usual random roads are drawn.
         """
-        names = list(dict.fromkeys((family, RANDOM)))
-        for name in np.repeat(names, 1 + self._max_redraws).tolist()[:-1]:
-            values = self.draw_once(rng, family=name)
-            if self.accepts(values):
-                return values
-        return self.draw_once(rng, family=names[-1])  # the last draw needs no verdict
+        families = dict.fromkeys((family, RANDOM))
+        return self.redraw_until_valid(
+            *(partial(self.draw_once, rng, family=name) for name in families)
+        )
 
     def valid(self, rng: np.random.Generator) -> Iterator[Road]:
         """Draw roads, fit them into the map, and yield those that are valid there.
@@ -225,18 +224,22 @@ class RandomRoads:
             f"map_size is {self._map_size:g} m: none of {refused} random roads fits into it"
         )
 
-    def redraw_until_valid(self, draw: Callable[[], _Draw]) -> _Draw:
-        """Return a road that `draw` draws, drawn again while it is invalid and draws are left.
+    def redraw_until_valid(self, *draws: Callable[[], _Draw]) -> _Draw:
+        """Return a road that is drawn again while it is invalid and draws are left.
 
-        `draw` may be a mutation: it returns None for a road that it cannot change, and then this
-        method does, too.
+        The last road of all is returned without a check.
+
+        Args:
+            draws: Functions that draw a road, each called up to 1 + `max_redraws` times in turn. A
+                function may be a mutation: it returns None for a road that it cannot change, and
+                then this method does, too.
         """
-        drawn = draw()
-        for _ in range(self._max_redraws):
-            if drawn is None or self.accepts(drawn):
-                break
+        attempts = [draw for draw in draws for _ in range(1 + self._max_redraws)]
+        for draw in attempts[:-1]:
             drawn = draw()
-        return drawn
+            if drawn is None or self.accepts(drawn):
+                return drawn
+        return attempts[-1]()
 
     def accepts(self, curvatures: FloatArray) -> bool:
         """Return whether a road of these curvatures, (N,) 1/m, is worth a test."""
