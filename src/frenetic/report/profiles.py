@@ -131,7 +131,7 @@ def _draw_curvature(axes: Axes, road: Road, _: JudgedDrive | None) -> None:
     reach = max(0.0125, 1.25 * float(np.abs(road.curvatures).max()))
     axes.set_ylim(-reach, reach)
     axes.yaxis.set_major_locator(MaxNLocator(3, steps=[1, 2, 5, 10]))
-    distances = np.arange(len(road.curvatures)) * road.step
+    distances = road.stations
     axes.fill_between(distances, road.curvatures, color=EGO_LANE, lw=0.0, alpha=0.75, zorder=1.2)
     axes.axhline(0.0, color=FAINT, lw=0.8, zorder=1.3)
     axes.plot(distances, road.curvatures, color=_LINE_COLOUR, lw=1.4, zorder=3)

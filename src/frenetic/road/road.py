@@ -397,8 +397,7 @@ class Road:
 
         The curvature before the start counts as 0.
         """
-        places = np.arange(len(self.curvatures)) * self.step
-        before = places - _CHANGE_LENGTH
+        before = self.stations - _CHANGE_LENGTH
         earlier = np.where(before < 0.0, 0.0, self.curvature_at(np.maximum(before, 0.0)))
         return float(np.abs(self.curvatures - earlier).max())
 

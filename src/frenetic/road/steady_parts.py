@@ -33,7 +33,7 @@ def knots(road: Road, pairs: FloatArray) -> tuple[FloatArray, FloatArray]:
     Returns:
         Stations on the road, (n,) in m, and the curvatures there, (n,) in 1/m.
     """
-    samples = np.arange(len(road.curvatures)) * road.step
+    samples = road.stations
     stations = np.unique(np.concatenate([samples, pairs[:, 0]]))
     stations = stations[(stations >= 0.0) & (stations <= road.length + _ROUNDING)]
     return stations, road.curvature_at(stations)

@@ -17,7 +17,7 @@ from frenetic._support.arrays import FloatArray
 from frenetic._support.bounds import Index, check
 from frenetic.conditions.condition import Condition
 from frenetic.drivers.camera import Scene
-from frenetic.drivers.driver import Controls, Driver, Observation
+from frenetic.drivers.driver import Controls, Driver, Observation, changed_observation
 from frenetic.drivers.stack import OwnWrapper, camera_of
 from frenetic.plugins.vision.conditions import (
     BLUR,
@@ -95,7 +95,7 @@ class CameraWrapper(OwnWrapper):
         if observation.image is not None:
             image = self.alter(observation.image, observation)
             image.setflags(write=False)
-            observation = replace(observation, image=image)
+            observation = changed_observation(observation, image=image)
         return self.driver.act(observation)
 
     def alter(self, image: Image, observation: Observation) -> Image:  # noqa: ARG002
