@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Callable
 
 import numpy as np
 import pytest
@@ -46,7 +47,7 @@ def fears_sharp_changes(candidate: Candidate) -> float:
     return -2.0 if largest_change(candidate.curvatures) > 0.07 else 1.0
 
 
-def first_failure(search: Strategy, driver, most: int) -> int:  # type: ignore[no-untyped-def]
+def first_failure(search: Strategy, driver: Callable[[Candidate], float], most: int) -> int:
     """Return the number of drives up to the first failure, or ``most``."""
     for drives in range(1, most):
         candidate = search.ask()

@@ -57,7 +57,6 @@ from frenetic.search.variation import MIRROR, OPERATORS, PARAMETERS, SPLICE
 _LENGTH_PER_MAP_SIDE = 1.45  # usual length of a road per side of the map
 _EXTRA_VALUES = 6  # values that a child may have beyond the longest random road
 _RANDOM_SHARE = 0.05  # share of random roads after the random phase
-_IMPROVEMENT = 0.5  # success of a child nearer to failing than its parent, while none has failed
 _BLIND_SHARE = 0.5  # share of random roads while no failure tells which conditions matter
 _MAX_REDRAWS = 36  # times that a refused road or child is drawn again
 #
@@ -68,6 +67,7 @@ _SUCCESS_REFUND = 0.15  # part of this cost that a child with a new failure take
 _KNOWN_FAILURE_COST = 0.6  # cost at first of a place with a failure that was known already
 #
 # Children
+_IMPROVEMENT = 0.5  # success of a child nearer to failing than its parent, while none has failed
 _FRESH_SHARE = 0.45  # share of a failure's children whose road is new except for the run-up
 _RUN_UP = 90.0  # [m] of road before the place that such a child keeps
 _RUN_UP_TIME = 4.6  # [s] of driving at the design speed that it keeps in a road class

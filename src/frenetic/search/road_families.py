@@ -26,7 +26,7 @@ from frenetic.search.operator_names import BENDS, INDEPENDENT, RANDOM, SECTIONS,
 from frenetic.search.operators import random_curvatures
 from frenetic.search.variation import limit_changes
 
-# The values are our choice; `research/search.md` measures what the families bring.
+# The values are our choice.
 _LEAST_AMPLITUDE = 0.3  # least amplitude of values, as a share of the bound
 _PERIODS = (2.2, 12.0)  # least and largest period of a slalom, in values
 _LEAST_GROWTH = 0.3  # share of a growing slalom's amplitude at its start
