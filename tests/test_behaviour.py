@@ -22,7 +22,8 @@ import numpy as np
 import pytest
 
 from frenetic import Budget, Campaign, CampaignStore, road
-from frenetic.conditions.condition import Condition, known_conditions
+from frenetic.conditions.condition import known_conditions
+from frenetic.conditions.declaration import Condition
 from frenetic.drivers import Observation, Planner
 from frenetic.drivers.stack import scene_of
 from frenetic.errors import FreneticError

@@ -6,7 +6,8 @@ from typing import Any
 
 from hypothesis import strategies as st
 
-from frenetic.conditions.condition import Condition, known_conditions
+from frenetic.conditions.condition import known_conditions
+from frenetic.conditions.declaration import Condition
 from frenetic.spec import Part, Spec
 
 names = st.from_regex(r"[a-z][a-z_]{0,8}", fullmatch=True)

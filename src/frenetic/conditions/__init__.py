@@ -4,13 +4,14 @@ TYPE_CHECKING = False  # importing `typing` takes time
 if TYPE_CHECKING:
     from typing import Any
 
-    from frenetic.conditions.condition import Condition, known_conditions
+    from frenetic.conditions.condition import known_conditions
+    from frenetic.conditions.declaration import Condition
     from frenetic.conditions.domain import Distribution, Domain
 
 _MODULES = {
     "Distribution": "frenetic.conditions.domain",
     "Domain": "frenetic.conditions.domain",
-    "Condition": "frenetic.conditions.condition",
+    "Condition": "frenetic.conditions.declaration",
     "known_conditions": "frenetic.conditions.condition",
 }
 """Public name -> module from which `__getattr__` imports it on use."""

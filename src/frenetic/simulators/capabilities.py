@@ -12,7 +12,8 @@ from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any, Final
 
 from frenetic._support.bounds import Count, Positive, check
-from frenetic.conditions.condition import Condition, attributes
+from frenetic.conditions.condition import attributes
+from frenetic.conditions.declaration import Condition
 from frenetic.drivers.driver import Driver, SelectiveDriver
 from frenetic.drivers.stack import camera_of, period_of, stack_of
 from frenetic.errors import DriverError, FreneticError, RoadError

@@ -3,7 +3,7 @@
 from dataclasses import replace
 
 from frenetic import Controls, Driver, DriveSetup, Observation
-from frenetic.conditions.condition import Condition
+from frenetic.conditions import Condition
 
 CONDITIONS = (
     Condition(

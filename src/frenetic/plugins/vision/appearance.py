@@ -15,7 +15,7 @@ import numpy as np
 
 from frenetic._support.arrays import FloatArray
 from frenetic._support.bounds import Index, check
-from frenetic.conditions.condition import Condition
+from frenetic.conditions.declaration import Condition
 from frenetic.drivers.camera import Scene
 from frenetic.drivers.driver import Controls, Driver, Observation, changed_observation
 from frenetic.drivers.stack import OwnWrapper, camera_of

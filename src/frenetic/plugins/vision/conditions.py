@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from typing import Final
 
-from frenetic.conditions.condition import FARTHEST, Condition
+from frenetic.conditions.declaration import FARTHEST, Condition
 
 _MODULE: Final = "frenetic.plugins.vision.appearance"
 
