@@ -7,8 +7,9 @@ driver in its attribute ``driver``.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import ClassVar, Final
+from typing import ClassVar, Final, Self
 
+from frenetic.conditions.declaration import Condition
 from frenetic.drivers.camera import Camera, Scene
 from frenetic.drivers.driver import Controls, Driver, DriveSetup, Observation
 from frenetic.errors import DriverError
@@ -54,6 +55,37 @@ class OwnWrapper:
             for name, value in vars(self).items()
             if name != "driver" and not name.startswith("_")
         }
+
+
+class AmountWrapper(OwnWrapper):
+    """Base of wrappers that put a driver into one condition, with one amount.
+
+    Args:
+        driver: the driver underneath.
+        amount: amount of the wrapper's condition.
+
+    Raises:
+        ValueError: the amount is out of the condition's range.
+    """
+
+    condition: ClassVar[Condition]
+    """Condition whose amount the wrapper has."""
+    amount_name: ClassVar[str]
+    """Name of the amount among the wrapper's options."""
+
+    def __init__(self, driver: Driver, amount: float) -> None:
+        super().__init__(driver)
+        self.amount = self.condition.require(amount)
+
+    @classmethod
+    def over(cls, driver: Driver, amount: float, **seed: int) -> Self:
+        """Return a driver under this wrapper; only a wrapper with noise takes a ``seed``."""
+        return cls(driver, amount, **seed)
+
+    @property
+    def options(self) -> dict[str, float]:
+        """Options of the wrapper."""
+        return {self.amount_name: self.amount}
 
 
 def unwrapped(driver: Driver) -> Driver:

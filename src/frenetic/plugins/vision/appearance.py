@@ -9,16 +9,15 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 from functools import lru_cache
-from typing import TYPE_CHECKING, ClassVar, Final, Self
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
 from frenetic._support.arrays import FloatArray
 from frenetic._support.bounds import Index, check
-from frenetic.conditions.declaration import Condition
 from frenetic.drivers.camera import Scene
 from frenetic.drivers.driver import Controls, Driver, Observation, changed_observation
-from frenetic.drivers.stack import OwnWrapper, camera_of
+from frenetic.drivers.stack import AmountWrapper, camera_of
 from frenetic.plugins.vision.conditions import (
     BLUR,
     CONDITIONS,
@@ -52,7 +51,7 @@ _LEAST_LONGEST = 2.0  # [pixels], least length of the longest streaks
 _GRAIN_STARTS = 1 << 16  # places in the stored noise at which a picture's grain may begin
 
 
-class CameraWrapper(OwnWrapper):
+class CameraWrapper(AmountWrapper):
     """A wrapper that changes what a driver's camera sees.
 
     Args:
@@ -64,11 +63,6 @@ class CameraWrapper(OwnWrapper):
             out of range.
     """
 
-    condition: ClassVar[Condition]
-    """Condition whose amount the wrapper has."""
-    amount_name: ClassVar[str]
-    """Name of the amount among the wrapper's options."""
-
     def __init__(self, driver: Driver, amount: float) -> None:
         camera = camera_of(driver)
         if camera is None:
@@ -76,19 +70,8 @@ class CameraWrapper(OwnWrapper):
                 f"{self.condition.name} changes what a camera sees, and the driver has none:"
                 " leave it out"
             )
-        super().__init__(driver)
-        self.amount = self.condition.require(amount)
+        super().__init__(driver, amount)
         self._camera = camera
-
-    @classmethod
-    def over(cls, driver: Driver, amount: float, **seed: int) -> Self:
-        """Return a driver under this wrapper; only a wrapper with noise takes a ``seed``."""
-        return cls(driver, amount, **seed)
-
-    @property
-    def options(self) -> dict[str, float]:
-        """Options of the wrapper."""
-        return {self.amount_name: self.amount}
 
     def act(self, observation: Observation) -> Controls:
         """Return the driver's controls for what its camera sees now."""
