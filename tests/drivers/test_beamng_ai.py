@@ -12,7 +12,8 @@ from frenetic.campaign.check import check_campaign
 from frenetic.campaign.tester import RoadTester
 from frenetic.campaign.workers import DriveProcess
 from frenetic.drivers import BeamngAi, Planner
-from frenetic.drivers.wrappers import Noisy, compiled_form
+from frenetic.drivers.compiled_form import compiled_form
+from frenetic.drivers.wrappers import Noisy
 from frenetic.oracle.assessment import assess
 from frenetic.oracle.drive import Drive, Rules
 from frenetic.plugins.twin.model import TwinModel

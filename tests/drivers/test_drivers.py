@@ -30,8 +30,8 @@ from frenetic.drivers import (
     laws,
 )
 from frenetic.drivers.calls import checked_controls
+from frenetic.drivers.compiled_form import compiled_form
 from frenetic.drivers.driver import AHEAD_POINTS, AHEAD_SPACING
-from frenetic.drivers.wrappers import compiled_form
 from frenetic.errors import DriverError
 
 FloatArray = npt.NDArray[np.float64]

@@ -7,7 +7,7 @@ import pytest
 
 from frenetic.conditions.condition import known_conditions
 from frenetic.drivers import Delayed, Driver, LimitedView, Noisy, Planner
-from frenetic.drivers.wrappers import compiled_form
+from frenetic.drivers.compiled_form import compiled_form
 from frenetic.errors import FreneticError
 from frenetic.plugins.vision import appearance
 from frenetic.plugins.vision.marking_follower import MarkingFollower

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Annotated, Final, TypeAlias
 
 import numpy as np
@@ -19,7 +19,6 @@ from frenetic._support.arrays import FloatArray
 from frenetic._support.bounds import Index, NotNegative, Positive, check
 from frenetic._support.compiled import njit
 from frenetic._support.trigonometry import cosine, sine
-from frenetic.drivers.builtin import BuiltIn
 from frenetic.drivers.driver import (
     AHEAD_POINTS,
     AHEAD_SPACING,
@@ -56,6 +55,22 @@ def disturb(ahead: FloatArray, first: int, stop: int, offset: float, heading: fl
         x, y = ahead[i, 0], ahead[i, 1] - offset
         ahead[i, 0] = c * x + s * y
         ahead[i, 1] = c * y - s * x
+
+
+def displaced_pose(observation: Observation, offset: float, heading: float) -> dict[str, float]:
+    """Return x, y and heading on the map where a car with a wrong position believes itself.
+
+    Args:
+        observation: observation from the car's true position.
+        offset: error of the lateral offset, in m.
+        heading: error of the heading, in rad.
+    """
+    lane_heading = observation.heading - observation.heading_error
+    return {
+        "x": observation.x - offset * math.sin(lane_heading),
+        "y": observation.y + offset * math.cos(lane_heading),
+        "heading": observation.heading + heading,
+    }
 
 
 _Error: TypeAlias = Annotated[float, Meta(ge=0.0, le=100.0)]
@@ -116,16 +131,13 @@ class Noisy(OwnWrapper):
         self._calls += 1
         ahead = observation.ahead.copy()
         disturb(ahead, 0, len(ahead), offset, heading)
-        lane_heading = observation.heading - observation.heading_error
         return self.driver.act(
             changed_observation(
                 observation,
                 lateral_offset=observation.lateral_offset + offset,
                 heading_error=observation.heading_error + heading,
                 ahead=ahead,
-                x=observation.x - offset * math.sin(lane_heading),
-                y=observation.y + offset * math.cos(lane_heading),
-                heading=observation.heading + heading,
+                **displaced_pose(observation, offset, heading),
             )
         )
 
@@ -289,53 +301,3 @@ class Hasty(OwnWrapper):
                 speed_limit_ahead=observation.speed_limit_ahead + excess,
             )
         )
-
-
-@dataclass(frozen=True)
-class Compiled:
-    """A built-in driver and its wrappers as numbers, for the compiled rollout."""
-
-    law: int
-    """Number of the driver's law, see `frenetic.drivers.laws`."""
-    parameters: FloatArray
-    """Parameters of the law."""
-    rows: int
-    """Number of points of the view."""
-    delay: int
-    """Delay of the controls, in control periods."""
-    errors: ErrorSequence | None
-    """Errors about the position; None without errors."""
-    excess: float
-    """Excess over the speed limit, in m/s."""
-
-
-def compiled_form(driver: Driver, period: float) -> Compiled | None:
-    """Return the driver for the compiled rollout; None if it has to be called from Python.
-
-    Only the built-in classes themselves are compiled, with at most one wrapper of each class. A
-    subclass is not, as it may do anything in `act`.
-
-    Args:
-        driver: the driver with its wrappers.
-        period: control period of the rollout, in s.
-    """
-    rows, delay, errors, excess = AHEAD_POINTS, 0, None, 0.0
-    wrapper_classes = set()
-    while isinstance(driver, OwnWrapper) and type(driver) in (Noisy, Delayed, LimitedView, Hasty):
-        if type(driver) in wrapper_classes:
-            return None
-        wrapper_classes.add(type(driver))
-        if isinstance(driver, Noisy):
-            errors = driver.errors(period)
-        elif isinstance(driver, Delayed):
-            delay = driver.periods(period)
-        elif isinstance(driver, LimitedView):
-            rows = driver.rows
-        elif isinstance(driver, Hasty):
-            excess = driver.excess
-        driver = driver.driver
-    if not (isinstance(driver, BuiltIn) and type(driver).__module__ == BuiltIn.__module__):
-        return None
-    if hasattr(driver, "period"):  # the rollout has a fixed period
-        return None
-    return Compiled(driver.law, driver.parameters(), rows, delay, errors, excess / 3.6)

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+from frenetic.drivers.compiled_form import compiled_form
 from frenetic.drivers.driver import Driver, DriveSetup
-from frenetic.drivers.wrappers import compiled_form
 from frenetic.oracle.drive import CarBody, Rules
 from frenetic.road import Road
 from frenetic.simulators.embedded import EmbeddedSimulator

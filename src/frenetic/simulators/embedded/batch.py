@@ -15,9 +15,9 @@ import numpy.typing as npt
 
 from frenetic._support.arrays import FloatArray, IntArray
 from frenetic._support.interpreted import end_interpretation
+from frenetic.drivers.compiled_form import Compiled
 from frenetic.drivers.driver import DriveSetup
 from frenetic.drivers.laws import new_memory, setup_array
-from frenetic.drivers.wrappers import Compiled
 from frenetic.oracle.assessment import rules_array
 from frenetic.oracle.drive import CarBody, Drive, Rules, Trajectory
 from frenetic.oracle.drive_assessment import ASSESSMENT_SIZE, Assessment, DriveAssessment

@@ -17,9 +17,10 @@ from frenetic._support.compiled import cache_folder
 from frenetic._support.interpreted import end_interpretation, is_interpreted, without_compiling
 from frenetic._support.kernel_cache import VARIABLE
 from frenetic.drivers import Planner
+from frenetic.drivers.compiled_form import compiled_form
 from frenetic.drivers.driver import Controls, Driver, DriveSetup, Observation
 from frenetic.drivers.stack import camera_of, scene_of, unwrapped
-from frenetic.drivers.wrappers import Noisy, compiled_form
+from frenetic.drivers.wrappers import Noisy
 from frenetic.errors import DriverError, Trouble
 from frenetic.oracle.drive import Drive, Rules, Trajectory
 from frenetic.oracle.outcome import Outcome
