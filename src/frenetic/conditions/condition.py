@@ -20,6 +20,7 @@ from typing import Any, Final
 
 from frenetic._support.entry_points import RegisteredPart, imported, installed
 from frenetic.conditions.declaration import FARTHEST, Condition
+from frenetic.conditions.sensors_and_steering import SENSOR_CONDITIONS, STEERING_CONDITIONS
 from frenetic.errors import FreneticError, UnknownNameError
 from frenetic.parts.registry import hint
 
@@ -181,6 +182,8 @@ _BUILT_IN: Final = (
         wrapper="frenetic.drivers.wrappers:LimitedView",
         words=("a shorter view", "a longer view"),
     ),
+    *STEERING_CONDITIONS,
+    *SENSOR_CONDITIONS,
 )
 
 _BUILT_IN_BY_NAME: Final = {condition.name: condition for condition in _BUILT_IN}
