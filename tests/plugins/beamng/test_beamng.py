@@ -187,7 +187,7 @@ def test_the_sign_of_the_steering_is_measured(stand_in: StandIn, sign: float) ->
 @pytest.mark.parametrize(
     ("driver", "text"),
     [
-        (Delayed(BeamngAi(), seconds=0.2), "takes no noise, delay or view"),
+        (Delayed(BeamngAi(), seconds=0.2), "takes no noise, delay, view, or errors"),
         (BeamngAi(aggression=1.2), "use aggression of the simulator"),
         (load_driver("marking-follower"), "leave out no_gpu"),
     ],

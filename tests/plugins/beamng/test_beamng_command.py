@@ -63,7 +63,7 @@ def test_an_unusable_simulator_is_refused_in_one_line_and_leaves_no_files(
     for options, text in (
         (("--simulator", "beamng,port=25252,ground=nan"), "simulator 'beamng': ground is nan"),
         (("--simulator", "beamng"), "give its folder as home, set BNG_HOME, or give the port"),
-        ((*beamng(stand_in), *noisy), "BeamNG.AI takes no noise, delay or view"),
+        ((*beamng(stand_in), *noisy), "BeamNG.AI takes no noise, delay, view, or errors"),
     ):
         assert frenetic("run", *options, "--out", "c").refuses(text)
     stand_in.close()

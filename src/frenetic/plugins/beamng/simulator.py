@@ -352,9 +352,9 @@ class BeamngSimulator:
             return False
         if inner is not driver:
             raise DriverError(
-                "BeamNG.AI takes no noise, delay or view: leave them out, or take them away"
-                " from a campaign's drives with noise=0, delay=0 or view=inf, or choose another"
-                " driver"
+                "BeamNG.AI takes no noise, delay, view, or errors of sensors and steering: leave"
+                " them out, or take them away from a campaign's drives, as with noise=0 or"
+                " view=inf, or choose another driver"
             )
         if inner != BeamngAi():
             raise DriverError(

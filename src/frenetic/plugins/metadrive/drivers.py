@@ -253,8 +253,8 @@ def metadrive_driver(driver: Driver) -> MetaDriveDriver | None:
         return None
     if inner is not driver:
         raise DriverError(
-            f"{inner.name} looks at MetaDrive's own world, where noise, delay and view do not"
-            " reach it: leave them out, or take them away from a campaign's drives with noise=0,"
-            " delay=0 or view=inf"
+            f"{inner.name} looks at MetaDrive's own world, where noise, delay, view, and errors of"
+            " sensors and steering do not reach it: leave them out, or take them away from a"
+            " campaign's drives, as with noise=0 or view=inf"
         )
     return inner
