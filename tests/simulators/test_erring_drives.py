@@ -9,7 +9,11 @@ import pytest
 from bicycle import Bicycle
 
 from frenetic import Controls, DriveSetup, EmbeddedSimulator, Observation, Road, Rules
-from frenetic.drivers import Driver, Planner, SpeedPlan, Stanley
+from frenetic.conditions.condition import SEED
+from frenetic.conditions.sensors_and_steering import SENSOR_CONDITIONS, STEERING_CONDITIONS
+from frenetic.drivers import BeamngAi, Driver, Planner, SpeedPlan, Stanley
+from frenetic.drivers.compiled_form import compiled_form
+from frenetic.drivers.loading import with_wrappers
 from frenetic.drivers.sensor_errors import HeadingBias, LateralBias, SpeedBias, YawRateBias
 from frenetic.drivers.steering_errors import SteeringGain, SteeringOffset, SteeringRate
 from frenetic.oracle import Trajectory
@@ -21,6 +25,12 @@ STRAIGHT = Road([0.0] * 60)
 
 
 class PlannerInPython(Planner): ...
+
+
+class StanleyInPython(Stanley): ...
+
+
+class BeamngAiInPython(BeamngAi): ...
 
 
 def drive(driver: Driver) -> Trajectory:
@@ -149,3 +159,36 @@ def test_a_rate_limits_the_wheels_of_a_car() -> None:
     driver = SteeringRate(Steady(), 0.2)
     wheels = Bicycle().drive(STRAIGHT, driver).trajectory.steering[:20]
     np.testing.assert_allclose(wheels, np.minimum(0.2 * 0.05 * np.arange(20), 0.1), atol=1e-12)
+
+
+BENDS = Road([0.0, 0.0, 0.01, 0.03, 0.05, 0.05, 0.02, -0.02, -0.04, -0.04, 0.0, 0.0])
+
+
+def records(driver: Driver) -> bytes:
+    """Return the records of a drive through bends."""
+    return EmbeddedSimulator().drive(BENDS, driver).trajectory.to_rows().tobytes()
+
+
+@pytest.mark.parametrize(
+    ("compiled", "in_python"),
+    [(Planner, PlannerInPython), (Stanley, StanleyInPython), (BeamngAi, BeamngAiInPython)],
+)
+def test_compiled_drives_are_the_drives_in_python(
+    compiled: type[Driver], in_python: type[Driver]
+) -> None:
+    each = [
+        {condition.name: 0.3 if condition.name == "steering_rate" else condition.usual[1]}
+        for condition in STEERING_CONDITIONS + SENSOR_CONDITIONS
+    ]
+    together = {name: amount for amounts in each for name, amount in amounts.items()}
+    mild = {
+        condition.name: 0.2 * condition.usual[1]
+        for condition in STEERING_CONDITIONS + SENSOR_CONDITIONS
+    } | {"steering_gain": 1.1}
+    mixed = {**mild, "noise": 0.1, SEED: 7, "delay": 0.1, "view": 40.0, "overspeed": 5.0}
+    for amounts in (*each, together, mixed):
+        driver = with_wrappers(compiled(), amounts)
+        assert compiled_form(driver, 0.05) is not None
+        other = with_wrappers(in_python(), amounts)
+        assert compiled_form(other, 0.05) is None
+        assert records(driver) == records(other), amounts

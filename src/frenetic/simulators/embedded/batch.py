@@ -18,6 +18,8 @@ from frenetic._support.interpreted import end_interpretation
 from frenetic.drivers.compiled_form import Compiled
 from frenetic.drivers.driver import DriveSetup
 from frenetic.drivers.laws import new_memory, setup_array
+from frenetic.drivers.sensor_errors import new_sensor_memories
+from frenetic.drivers.steering_errors import STEERING_STATE_SIZE
 from frenetic.oracle.assessment import rules_array
 from frenetic.oracle.drive import CarBody, Drive, Rules, Trajectory
 from frenetic.oracle.drive_assessment import ASSESSMENT_SIZE, Assessment, DriveAssessment
@@ -58,9 +60,13 @@ class CompiledDrive:
         return math.ceil(self.rules.timeout(self.road.length) / kernels.PERIOD) + 2
 
     @property
-    def kind(self) -> tuple[int, bool, bool]:
-        """Law, and whether there are slopes and weather: alike for all drives of a batch."""
-        return self.driver.law, len(self.road.slopes) > 0, self.weather is not None
+    def kind(self) -> tuple[int, bool, bool, bool]:
+        """Law, and whether there are slopes, weather and errors of sensors or steering.
+
+        It is alike for all drives of a batch.
+        """
+        has_slopes, has_weather = len(self.road.slopes) > 0, self.weather is not None
+        return self.driver.law, has_slopes, has_weather, self.driver.interface is not None
 
 
 def drive_side_by_side(drives: Sequence[CompiledDrive], threads: int) -> list[Drive]:
@@ -78,6 +84,8 @@ def drive_side_by_side(drives: Sequence[CompiledDrive], threads: int) -> list[Dr
     for drive in drives:
         if drive.driver.errors is not None:
             drive.driver.errors.upto(drive.most_records)
+        if drive.driver.interface is not None:
+            drive.driver.interface.dropped(drive.most_records, kernels.PERIOD)
     batches = _batches(drives, threads)
     batch_drives = [[drives[k] for k in batch] for batch in batches]
     if threads == 1 or len(batches) == 1:
@@ -91,7 +99,7 @@ def drive_side_by_side(drives: Sequence[CompiledDrive], threads: int) -> list[Dr
 
 def _batches(drives: Sequence[CompiledDrive], threads: int) -> list[list[int]]:
     """Return the numbers of the drives in batches, each of drives of one kind."""
-    numbers: dict[tuple[int, bool, bool], list[int]] = defaultdict(list)
+    numbers: dict[tuple[int, bool, bool, bool], list[int]] = defaultdict(list)
     for k, drive in enumerate(drives):
         numbers[drive.kind].append(k)
     batches = []
@@ -121,6 +129,7 @@ def _drive_batch(drives: Sequence[CompiledDrive]) -> list[Drive]:
         None if slopes is None else tuple(slopes),
         np.array([drive.weather for drive in drives]) if has_weather else None,
         tuple(_drivers(drives, most_records)),
+        _interfaces(drives, most_records),
         new_memory(drives[0].driver.law, count),
         tuple(cars),
     )
@@ -142,6 +151,23 @@ def _drivers(drives: Sequence[CompiledDrive], most_records: int) -> kernels.Driv
         np.array([driver.rows for driver in drivers]),
         np.array([driver.delay for driver in drivers]),
         errors,
+    )
+
+
+def _interfaces(drives: Sequence[CompiledDrive], most_records: int) -> kernels.Fields | None:
+    """Return the sensors and the steering as the kernel takes them; None if nothing errs."""
+    interfaces = [drive.driver.interface for drive in drives if drive.driver.interface is not None]
+    if not interfaces:
+        return None
+    count, period = len(drives), kernels.PERIOD
+    return tuple(
+        kernels.Interfaces(
+            np.array([interface.biases for interface in interfaces]),
+            np.array([interface.dropped(most_records, period) for interface in interfaces]),
+            new_sensor_memories(count),
+            np.array([interface.steering for interface in interfaces]),
+            np.zeros((count, STEERING_STATE_SIZE)),
+        )
     )
 
 

@@ -18,6 +18,8 @@ from frenetic._support.arrays import FloatArray, IntArray
 from frenetic._support.compiled import njit
 from frenetic._support.trigonometry import wrapped
 from frenetic.drivers.laws import decide, rows_read
+from frenetic.drivers.sensor_errors import BoolArray, misread, move_view
+from frenetic.drivers.steering_errors import carried_out
 from frenetic.drivers.wrappers import disturb
 from frenetic.oracle.assessment import RECORD_TIME, RUNNING, assess_record
 from frenetic.oracle.drive_assessment import DISTANCE, OFFSET, OOB_SHARE
@@ -103,6 +105,21 @@ class Drivers(NamedTuple):
     errors: FloatArray
     """Errors of each driver in each record, (n, m, 2): of its offset in m, of its heading in rad;
     (n, 0, 2) if no driver makes any."""
+
+
+class Interfaces(NamedTuple):
+    """The sensors and the steering of the n drivers of a rollout, which err."""
+
+    biases: FloatArray
+    """Constant errors of each driver's signals, (n, 4), see `frenetic.drivers.sensor_errors`."""
+    dropped: BoolArray
+    """Whether each signal stays at its last reading in each record, (n, m, 4)."""
+    memories: FloatArray
+    """Memories of the sensors, (n, 3, 4), which the kernel changes."""
+    steering: FloatArray
+    """Amounts of the errors of each steering, (n, 5), see `frenetic.drivers.steering_errors`."""
+    steering_states: FloatArray
+    """States of the steering, (n, 2), which the kernel changes."""
 
 
 class CarArrays(NamedTuple):
@@ -198,12 +215,42 @@ def _slopes_of(slopes: Fields, k: int) -> FloatArray:
     return part
 
 
+@njit(error_model="numpy")
+def _readings(
+    interfaces: Fields,
+    k: int,
+    i: int,
+    offset: float,
+    heading_error: float,
+    yaw_rate: float,
+    speed: float,
+) -> tuple[float, float, float, float]:
+    """Return what driver ``k`` reads of four true values in record ``i``, see `misread`."""
+    biases, dropped, memories, _, _ = interfaces
+    return misread(offset, heading_error, yaw_rate, speed, memories[k], biases[k], dropped[k, i])
+
+
+@njit(error_model="numpy")
+def _move_view(interfaces: Fields, k: int, ahead: FloatArray, first: int, stop: int) -> None:
+    """Move the view of driver ``k`` by the errors of its last readings, see `move_view`."""
+    biases, _, memories, _, _ = interfaces
+    move_view(ahead, first, stop, memories[k], biases[k])
+
+
+@njit(error_model="numpy")
+def _carried_out(interfaces: Fields, k: int, steering: float) -> float:
+    """Return the steering angle that a command of driver ``k`` becomes, see `carried_out`."""
+    _, _, _, amounts, states = interfaces
+    return carried_out(steering, amounts[k], states[k], PERIOD)
+
+
 @njit(error_model="numpy", nogil=True, interpret_first=9.0)
 def rollout(
     roads: Fields,
     slopes: Fields | None,
     weather: FloatArray | None,
     drivers: Fields,
+    interfaces: Fields | None,
     memories: FloatArray | None,
     cars: Fields,
 ) -> None:
@@ -215,6 +262,7 @@ def rollout(
         weather: weather of each drive, (n, m), see `frenetic.simulators.embedded.weather`; None
             without.
         drivers: fields of `Drivers`.
+        interfaces: fields of `Interfaces`; None if nothing between drivers and cars errs.
         memories: states of the drivers, see `frenetic.drivers.laws.new_memory`.
         cars: fields of `CarArrays`, which the kernel changes.
     """
@@ -275,6 +323,13 @@ def rollout(
             # Let its driver see the road, and decide.
             speed, yaw_rate, heading = states[k, SPEED], states[k, YAW_RATE], states[k, HEADING]
             offset, heading_error = d + 0.5 * lane_width, wrapped(heading - road_heading)
+            if errors.shape[1]:
+                offset += errors[k, i, 0]
+                heading_error += errors[k, i, 1]
+            if interfaces is not None:
+                offset, heading_error, yaw_rate, speed = _readings(
+                    interfaces, k, i, offset, heading_error, yaw_rate, speed
+                )
             first, stop = rows_read(law, speed, rows[k], parameters[k])
             pose = states[k, X], states[k, Y], heading
             look_ahead(table, ds, lane_width, pose, s, first, stop, ahead)
@@ -286,8 +341,8 @@ def rollout(
                 write_limits_ahead(own_limits, s, most_rows, limit_ahead)
             if errors.shape[1]:
                 disturb(ahead, first, stop, errors[k, i, 0], errors[k, i, 1])
-                offset += errors[k, i, 0]
-                heading_error += errors[k, i, 1]
+            if interfaces is not None:
+                _move_view(interfaces, k, ahead, first, stop)
             steering, throttle, brake = decide(
                 law,
                 speed,
@@ -303,6 +358,8 @@ def rollout(
                 setups[k],
                 None if memories is None else memories[k],
             )
+            if interfaces is not None:
+                steering = _carried_out(interfaces, k, steering)
             slot = i % (delays[k] + 1)
             waiting[k, slot, ASKED] = steering
             waiting[k, slot, THROTTLE] = throttle
