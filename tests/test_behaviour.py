@@ -24,7 +24,8 @@ import pytest
 from frenetic import Budget, Campaign, CampaignStore, road
 from frenetic.conditions.condition import known_conditions
 from frenetic.conditions.declaration import Condition
-from frenetic.drivers import Observation, Planner
+from frenetic.conditions.sensors_and_steering import SENSOR_CONDITIONS, STEERING_CONDITIONS
+from frenetic.drivers import Observation, Planner, Stanley
 from frenetic.drivers.stack import scene_of
 from frenetic.errors import FreneticError
 from frenetic.oracle import verdict
@@ -214,6 +215,8 @@ def probe_wrapper(row: Condition) -> tuple[str, Numbers]:
         seeing = row.wrapper_class().over(MarkingFollower(), amount)
         return version_text(seeing), lambda: of_picture(seeing)
     driver = row.wrapper_class().over(Planner(), amount)
+    if row in STEERING_CONDITIONS + SENSOR_CONDITIONS:
+        driver = row.wrapper_class().over(Stanley(), row.usual[1])  # it reads all signals
     return version_text(driver), lambda: of_embedded_drives(driver)
 
 
