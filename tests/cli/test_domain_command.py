@@ -143,3 +143,34 @@ def test_a_strategy_without_conditions_is_refused(frenetic: Frenetic, domain_fil
     assert refused.code == 2
     assert "frenetic-2021 searches roads alone" in refused.err
     assert not Path("d").exists()
+
+
+ERRING = """
+roads = "urban-50,length=200"
+
+[conditions]
+steering_gain = { low = 0.6, high = 1.2, mean = 1.0, deviation = 0.2 }
+steering_rate = { low = 0.1, high = 0.4, chance = 0.4 }
+heading_bias = { low = -0.05, high = 0.05 }
+lateral_dropout = { low = 0.0, high = 0.8, chance = 0.5 }
+speed_bias = 5
+"""
+
+
+def test_a_domain_may_have_sensors_and_steering_that_err(
+    frenetic: Frenetic, tmp_path: Path
+) -> None:
+    file = tmp_path / "worn.toml"
+    file.write_text(ERRING, encoding="utf-8")
+    ran = frenetic("run", "--odd", str(file), "--simulations", "60", "--seed", "1", "--out", "c")
+    assert ran.code == 0, ran.err
+    shown = frenetic("show", "c").out
+    assert "worn: steering_gain 0.6 to 1.2, steering_rate 0.1 to 0.4 rad/s in 40 %" in shown
+    axes = frenetic("show", "c", "--json").json["coverage"]["axes"]
+    names = ["steering_gain", "steering_rate", "heading_bias", "lateral_dropout"]
+    assert [axis["name"] for axis in axes][:4] == names
+    assert frenetic("check", "c").code == 0
+    changes = frenetic("rerun", "c", "--all", "--json").json["changes"]
+    assert changes["passes now"] == changes["fails now"] == changes["not judged"] == 0
+    estimated = frenetic("estimate", "c", "--drives", "100")
+    assert estimated.code == 0, estimated.err

@@ -249,6 +249,18 @@ def test_exit_code_and_junit_file_say_how_many_tests_fail_again(
     assert worse["conditions"] == {"delay": 0.05}, "the recorded delay stays"
 
 
+def test_errors_of_steering_and_sensors_are_varied(frenetic: Frenetic, copied: str) -> None:
+    usual = ("--vary", "steering_gain", "--vary", "speed_bias")
+    answer = frenetic("rerun", copied, "--top", "1", "--times", "2", *usual)
+    assert answer.code == 0, answer.err
+    assert "steering_gain 0.8 to 1.2, speed_bias -5 to 5 km/h: " in answer.out
+    with CampaignStore.open(copied) as store:
+        best = max(store.tests(Outcome.PASS), key=lambda test: test.moobd or 0.0)
+    worse = ("--vary", "steering_gain=0.4:1", "--times", "12")
+    answer = frenetic("rerun", copied, str(best.id), *worse)
+    assert "a lower steering gain is worse" in answer.out
+
+
 def test_a_file_that_names_only_a_driver_drives_in_the_default_simulator(
     frenetic: Frenetic, copied: str
 ) -> None:
