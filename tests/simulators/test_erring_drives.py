@@ -11,11 +11,22 @@ from bicycle import Bicycle
 from frenetic import Controls, DriveSetup, EmbeddedSimulator, Observation, Road, Rules
 from frenetic.conditions.condition import SEED
 from frenetic.conditions.sensors_and_steering import SENSOR_CONDITIONS, STEERING_CONDITIONS
-from frenetic.drivers import BeamngAi, Driver, Planner, SpeedPlan, Stanley
+from frenetic.drivers import (
+    BeamngAi,
+    Driver,
+    HeadingBias,
+    LateralBias,
+    Planner,
+    SpeedBias,
+    SpeedPlan,
+    Stanley,
+    SteeringGain,
+    SteeringOffset,
+    SteeringRate,
+    YawRateBias,
+)
 from frenetic.drivers.compiled_form import compiled_form
 from frenetic.drivers.loading import with_wrappers
-from frenetic.drivers.sensor_errors import HeadingBias, LateralBias, SpeedBias, YawRateBias
-from frenetic.drivers.steering_errors import SteeringGain, SteeringOffset, SteeringRate
 from frenetic.oracle import Trajectory
 
 CALM = Rules(speed_limit=40.0)

@@ -121,7 +121,7 @@ LATERAL_DROPOUT: Final = Condition(
     no_effect=0.0,
     wrapper=f"{_SENSORS}:LateralDropout",
     is_seeded=True,
-    words=("fewer dropouts of the lateral place", "more dropouts of the lateral place"),
+    words=("less lateral dropout", "more lateral dropout"),
 )
 HEADING_DROPOUT: Final = Condition(
     name="heading_dropout",
@@ -132,7 +132,7 @@ HEADING_DROPOUT: Final = Condition(
     no_effect=0.0,
     wrapper=f"{_SENSORS}:HeadingDropout",
     is_seeded=True,
-    words=("fewer dropouts of the heading", "more dropouts of the heading"),
+    words=("less heading dropout", "more heading dropout"),
 )
 YAW_RATE_DROPOUT: Final = Condition(
     name="yaw_rate_dropout",
@@ -143,7 +143,7 @@ YAW_RATE_DROPOUT: Final = Condition(
     no_effect=0.0,
     wrapper=f"{_SENSORS}:YawRateDropout",
     is_seeded=True,
-    words=("fewer dropouts of the yaw rate", "more dropouts of the yaw rate"),
+    words=("less yaw rate dropout", "more yaw rate dropout"),
 )
 SPEED_DROPOUT: Final = Condition(
     name="speed_dropout",
@@ -154,7 +154,7 @@ SPEED_DROPOUT: Final = Condition(
     no_effect=0.0,
     wrapper=f"{_SENSORS}:SpeedDropout",
     is_seeded=True,
-    words=("fewer dropouts of the speed", "more dropouts of the speed"),
+    words=("less speed dropout", "more speed dropout"),
 )
 
 STEERING_CONDITIONS: Final = (

@@ -14,6 +14,23 @@ if TYPE_CHECKING:
     from frenetic.drivers.camera import Camera
     from frenetic.drivers.driver import CameraDriver, Controls, Driver, DriveSetup, Observation
     from frenetic.drivers.lane import Lane
+    from frenetic.drivers.sensor_errors import (
+        HeadingBias,
+        HeadingDropout,
+        LateralBias,
+        LateralDropout,
+        SpeedBias,
+        SpeedDropout,
+        YawRateBias,
+        YawRateDropout,
+    )
+    from frenetic.drivers.steering_errors import (
+        SteeringDeadBand,
+        SteeringGain,
+        SteeringOffset,
+        SteeringRate,
+        SteeringResolution,
+    )
     from frenetic.drivers.wrappers import Delayed, LimitedView, Noisy
 
 __all__ = [
@@ -24,13 +41,26 @@ __all__ = [
     "Delayed",
     "DriveSetup",
     "Driver",
+    "HeadingBias",
+    "HeadingDropout",
     "Lane",
+    "LateralBias",
+    "LateralDropout",
     "LimitedView",
     "Noisy",
     "Observation",
     "Planner",
+    "SpeedBias",
+    "SpeedDropout",
     "SpeedPlan",
     "Stanley",
+    "SteeringDeadBand",
+    "SteeringGain",
+    "SteeringOffset",
+    "SteeringRate",
+    "SteeringResolution",
+    "YawRateBias",
+    "YawRateDropout",
 ]
 
 _MODULES = {
@@ -41,13 +71,26 @@ _MODULES = {
     "Delayed": "frenetic.drivers.wrappers",
     "DriveSetup": "frenetic.drivers.driver",
     "Driver": "frenetic.drivers.driver",
+    "HeadingBias": "frenetic.drivers.sensor_errors",
+    "HeadingDropout": "frenetic.drivers.sensor_errors",
     "Lane": "frenetic.drivers.lane",
+    "LateralBias": "frenetic.drivers.sensor_errors",
+    "LateralDropout": "frenetic.drivers.sensor_errors",
     "LimitedView": "frenetic.drivers.wrappers",
     "Noisy": "frenetic.drivers.wrappers",
     "Observation": "frenetic.drivers.driver",
     "Planner": "frenetic.drivers.builtin",
+    "SpeedBias": "frenetic.drivers.sensor_errors",
+    "SpeedDropout": "frenetic.drivers.sensor_errors",
     "SpeedPlan": "frenetic.drivers.builtin",
     "Stanley": "frenetic.drivers.builtin",
+    "SteeringDeadBand": "frenetic.drivers.steering_errors",
+    "SteeringGain": "frenetic.drivers.steering_errors",
+    "SteeringOffset": "frenetic.drivers.steering_errors",
+    "SteeringRate": "frenetic.drivers.steering_errors",
+    "SteeringResolution": "frenetic.drivers.steering_errors",
+    "YawRateBias": "frenetic.drivers.sensor_errors",
+    "YawRateDropout": "frenetic.drivers.sensor_errors",
 }
 """Public name -> module from which `__getattr__` imports it on use."""
 

@@ -302,7 +302,7 @@ class SensorDropout(ErringSensor):
 
 
 class LateralDropout(SensorDropout):
-    """A driver whose lateral place stays at its last reading at times."""
+    """A driver whose lateral place stays at its last reading at times, see `SensorDropout`."""
 
     condition = LATERAL_DROPOUT
     signal = LATERAL
@@ -310,7 +310,7 @@ class LateralDropout(SensorDropout):
 
 
 class HeadingDropout(SensorDropout):
-    """A driver whose heading in the lane stays at its last reading at times."""
+    """A driver whose heading stays at its last reading at times, see `SensorDropout`."""
 
     condition = HEADING_DROPOUT
     signal = HEADING
@@ -318,7 +318,7 @@ class HeadingDropout(SensorDropout):
 
 
 class YawRateDropout(SensorDropout):
-    """A driver whose yaw rate stays at its last reading at times."""
+    """A driver whose yaw rate stays at its last reading at times, see `SensorDropout`."""
 
     condition = YAW_RATE_DROPOUT
     signal = YAW_RATE
@@ -326,7 +326,7 @@ class YawRateDropout(SensorDropout):
 
 
 class SpeedDropout(SensorDropout):
-    """A driver whose speed stays at its last reading at times."""
+    """A driver whose speed stays at its last reading at times, see `SensorDropout`."""
 
     condition = SPEED_DROPOUT
     signal = SPEED
