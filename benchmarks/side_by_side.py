@@ -19,6 +19,7 @@ import numpy as np
 
 from frenetic import BeamngAi, Driver, EmbeddedSimulator, Noisy, Planner, Road, Stanley, judge
 from frenetic.campaign.workers.workers import available_cores
+from frenetic.drivers.loading import with_wrappers
 from frenetic.errors import RoadError
 from frenetic.search.operators import random_curvatures
 from frenetic.simulators import Drive
@@ -34,6 +35,8 @@ DRIVERS: Final[dict[str, Driver]] = {
     "stanley": Stanley(),
     "beamng-ai": BeamngAi(),
     "planner with noise": Noisy(Planner()),
+    "steering that errs": with_wrappers(Planner(), {"steering_gain": 0.95, "steering_rate": 0.4}),
+    "sensors that err": with_wrappers(Planner(), {"lateral_bias": 0.1, "heading_dropout": 0.2}),
 }
 
 

@@ -100,7 +100,7 @@ def compiled_form(driver: Driver, period: float) -> Compiled | None:
         return None
     if hasattr(driver, "period"):  # the rollout has a fixed period
         return None
-    if not _are_compiled(wrappers):
+    if wrappers and not _are_compiled(wrappers):
         return None
     rows, delay, errors, excess = AHEAD_POINTS, 0, None, 0.0
     for wrapper in wrappers:
@@ -112,7 +112,7 @@ def compiled_form(driver: Driver, period: float) -> Compiled | None:
             rows = wrapper.rows
         elif isinstance(wrapper, Hasty):
             excess = wrapper.excess / 3.6
-    interface = _interface(wrappers)
+    interface = _interface(wrappers) if wrappers else None
     return Compiled(driver.law, driver.parameters(), rows, delay, errors, excess, interface)
 
 
@@ -129,8 +129,9 @@ def _are_compiled(wrappers: Sequence[OwnWrapper]) -> bool:
 
 def _interface(wrappers: Sequence[OwnWrapper]) -> Interface | None:
     """Return the sensors and the steering that wrappers make err; None if none errs."""
+    if not any(isinstance(wrapper, (ErringSensor, ErringSteering)) for wrapper in wrappers):
+        return None
     interface = Interface(np.zeros(len(SIGNALS)), {}, exact_steering())
-    errs = False
     for wrapper in wrappers:
         if isinstance(wrapper, SensorBias):
             interface.biases[wrapper.signal] = wrapper.bias
@@ -138,5 +139,4 @@ def _interface(wrappers: Sequence[OwnWrapper]) -> Interface | None:
             interface.dropouts[wrapper.signal] = wrapper.dropouts()
         elif isinstance(wrapper, ErringSteering):
             interface.steering[STEERING_CONDITIONS.index(wrapper.condition)] = wrapper.amount
-        errs = errs or isinstance(wrapper, (ErringSensor, ErringSteering))
-    return interface if errs else None
+    return interface
