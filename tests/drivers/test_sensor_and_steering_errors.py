@@ -190,6 +190,10 @@ def test_the_view_moves_with_the_believed_place(name: str) -> None:
         x = c * seen.ahead[:, 0] - s * seen.ahead[:, 1]
         y = s * seen.ahead[:, 0] + c * seen.ahead[:, 1] + offset
         np.testing.assert_allclose(np.column_stack([x, y]), true.ahead, rtol=0, atol=1e-9)
+        left = true.heading - true.heading_error + 0.5 * math.pi  # to the left of the lane
+        position = [true.x + offset * math.cos(left), true.y + offset * math.sin(left)]
+        np.testing.assert_allclose([seen.x, seen.y], position, rtol=0, atol=1e-9)
+        assert seen.heading == pytest.approx(true.heading + turn, abs=1e-9)
         errors.append(abs(offset) + abs(turn))
     assert max(errors) > 0.1
 
@@ -410,6 +414,8 @@ def test_signals_drop_out_independently_of_each_other_and_of_the_time_of_asking(
     times = np.arange(0, 500_000, DROPOUT_MS)
     dropped = [Dropouts(0.5, 9, k).at(times) for k in (LATERAL, HEADING, YAW_RATE, SPEED)]
     assert np.abs(np.corrcoef(dropped) - np.eye(4)).max() < 0.15
+    of_noise = np.random.default_rng(9).random(len(times)) < 0.5
+    assert all(not np.array_equal(draws, of_noise) for draws in dropped)
     later = Dropouts(0.5, 9, LATERAL)
     later.at(times[:3])
     np.testing.assert_array_equal(later.at(times), dropped[0])
