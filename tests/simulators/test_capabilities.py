@@ -116,7 +116,7 @@ def test_every_condition_that_our_simulators_lay_is_an_option() -> None:
 
 def test_conditions_that_can_vary_are_attributes_that_can_be_set() -> None:
     everything = {"rules", "friction", "steering_lag", "start_offset", "start_heading"}
-    everything |= {"load", "wet", "wet_at", "gust", "gust_at"}
+    everything |= {"start_speed", "load", "wet", "wet_at", "gust", "gust_at"}
     assert capabilities(EmbeddedSimulator()).variable == everything
 
 

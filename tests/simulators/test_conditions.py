@@ -42,6 +42,7 @@ def rows_in(conditions: Conditions, simulator: Simulator, driver: Driver) -> lis
         ({"speed": 40.0}, EmbeddedSimulator(rules=Rules(speed_limit=40.0)), Planner()),
         ({"start": 0.4}, EmbeddedSimulator(start_offset=0.4), Planner()),
         ({"heading": -0.1}, EmbeddedSimulator(start_heading=-0.1), Planner()),
+        ({"start_speed": 50.0}, EmbeddedSimulator(start_speed=50.0), Planner()),
         ({"delay": 0.2}, EmbeddedSimulator(), Delayed(Planner(), seconds=0.2)),
         (
             {"noise": 0.3, "noise_seed": 5},

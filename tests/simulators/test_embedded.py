@@ -519,10 +519,21 @@ def test_a_car_starts_at_the_offset_and_heading_of_the_options(
         assert start.speed[0] == 0.0
 
 
+def test_a_car_starts_at_the_speed_of_the_option_along_itself() -> None:
+    simulator = EmbeddedSimulator(start_speed=54.0, start_heading=0.1)
+    for driver in (Planner(), PythonPlanner()):
+        start = simulator.drive(ROADS[0], driver).trajectory
+        assert start.speed[0] == pytest.approx(15.0)
+        assert (start.lateral_speed[0], start.yaw_rate[0]) == (0.0, 0.0)
+        moved = math.dist((start.x[0], start.y[0]), (start.x[1], start.y[1]))
+        assert moved == pytest.approx(15.0 * 0.05, rel=0.05)
+
+
 def test_options_list_the_start_only_if_it_is_not_the_default() -> None:
     assert set(EmbeddedSimulator().options) == {"vehicle", "wall_limit"}
     assert EmbeddedSimulator(start_offset=0.5).options["start_offset"] == 0.5
     assert EmbeddedSimulator(start_heading=0.1).options["start_heading"] == 0.1
+    assert EmbeddedSimulator(start_speed=30.0).options["start_speed"] == 30.0
 
 
 def test_attributes_set_between_two_drives_hold_for_the_next() -> None:
@@ -547,6 +558,7 @@ def test_attributes_set_between_two_drives_hold_for_the_next() -> None:
         ({"wall_limit": math.nan}, "wall_limit is nan: a number > 0 is needed"),
         ({"start_offset": 2.1}, "start_offset is 2.1: -2 to 2 m is needed"),
         ({"start_offset": math.nan}, "start_offset is nan"),
+        ({"start_speed": -1.0}, "start_speed is -1.0: 0 to 500 km/h is needed"),
         ({"start_heading": -1.0}, "start_heading is -1.0: -0.785 to 0.785 rad"),
         ({"friction": 0.0}, "friction is 0.0: a number > 0 is needed"),
         ({"vehicle": "truck"}, "vehicle is 'truck'"),

@@ -44,6 +44,7 @@ CONDITIONS: dict[str, dict[str, Any]] = {
     "wet stretch": {"wet": 0.5},
     "gust": {"gust": 15.0, "gust_at": 60.0},
     "start": {"start_offset": 0.5, "start_heading": -0.05},
+    "start at speed": {"start_speed": 60.0},
     "other car": {"vehicle": "metadrive"},
 }
 

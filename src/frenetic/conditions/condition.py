@@ -30,6 +30,10 @@ SEED: Final = "noise_seed"
 """Name under which the conditions of a drive hold the seed of random wrappers."""
 SPEED: Final = "speed"
 """Name of the condition that is the speed limit."""
+START: Final = "start"
+"""Name of the condition that is the place of the start."""
+START_SPEED: Final = "start_speed"
+"""Name of the condition that is the speed at the start."""
 MAX_START_OFFSET: Final = 2.0
 """Largest distance of a start from the ego lane's centre, in m: to the edge of a 4 m wide lane."""
 MAX_START_HEADING: Final = math.pi / 4.0
@@ -152,7 +156,7 @@ _BUILT_IN: Final = (
         words=("less steering lag", "more steering lag"),
     ),
     Condition(
-        name="start",
+        name=START,
         about="place of the start, to the left of the lane's centre",
         unit="m",
         low=-MAX_START_OFFSET,
@@ -170,6 +174,17 @@ _BUILT_IN: Final = (
         usual=(-0.03, 0.03),
         attribute="start_heading",
         words=("a start turned to the right", "a start turned to the left"),
+    ),
+    Condition(
+        name=START_SPEED,
+        about="speed at the start",
+        unit="km/h",
+        low=0.0,
+        high=500.0,
+        usual=(0.0, 50.0),
+        no_effect=0.0,
+        attribute="start_speed",
+        words=("a slower start", "a faster start"),
     ),
     Condition(
         name="view",

@@ -40,6 +40,7 @@ from frenetic.simulators.embedded.python_car import (
     advance_to_record,
     new_renderer,
 )
+from frenetic.simulators.embedded.single_track import SPEED
 from frenetic.simulators.embedded.vehicle import Vehicle
 from frenetic.simulators.embedded.weather import weather_array
 from frenetic.simulators.simulator import Amount, Ready, StartingPlace, unusual_amounts
@@ -64,6 +65,7 @@ class EmbeddedSimulator(StartingPlace, Ready):
         start_offset: Distance of the car's start to the left of the ego lane's centre, in m, -2..2.
         start_heading: Angle of the car's start to the left of the road's direction, in rad, within
             an eighth of a turn.
+        start_speed: Speed of the car at the start, in km/h.
         load: Load in the car, spread between its axles, in kg. The driver's setup leaves it out.
         wet: Friction on one wet stretch of 40 m, as a share of the road's; 1 for no wet stretch.
         wet_at: Distance of the wet stretch's middle along the road in m; None for the road's
@@ -78,6 +80,7 @@ class EmbeddedSimulator(StartingPlace, Ready):
         ValueError: An option is out of range.
     """
 
+    start_speed = Amount[float]("start_speed", 0.0)
     load = Amount[float]("load", 0.0)
     wet = Amount[float]("wet", 1.0)
     wet_at = Amount[float | None]("wet_at", None)
@@ -100,6 +103,7 @@ class EmbeddedSimulator(StartingPlace, Ready):
         wall_limit: Positive = 60.0,
         start_offset: float = 0.0,
         start_heading: float = 0.0,
+        start_speed: float = 0.0,
         load: float = 0.0,
         wet: float = 1.0,
         wet_at: float | None = None,
@@ -120,6 +124,7 @@ class EmbeddedSimulator(StartingPlace, Ready):
             self.friction = friction
         self.start_offset = start_offset
         self.start_heading = start_heading
+        self.start_speed = start_speed
         self.load, self.wet, self.gust = load, wet, gust
         self.wet_at, self.gust_at = wet_at, gust_at
         self.wall_limit = wall_limit
@@ -310,9 +315,11 @@ class EmbeddedSimulator(StartingPlace, Ready):
 
     def _start(self, road: Road) -> FloatArray:
         """Return the state (7,) of the car at the start of a drive."""
-        return kernels.start_state(
+        state = kernels.start_state(
             road.table, road.lane_width, self.start_offset, self.start_heading
         )
+        state[SPEED] = self.start_speed / 3.6
+        return state
 
 
 @cache
