@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 __all__ = [
     "LANE_WIDTH",
     "MAP_SIZE",
+    "MIN_RADIUS",
     "Verdict",
     "check_validity",
     "interpolate",
@@ -44,6 +45,8 @@ _HALF_WIDTH: Final = LANE_WIDTH  # [m] of a road of two lanes
 _MIN_LENGTH: Final = 20.0  # [m] of the road
 _MIN_RADIUS: Final = 47.0  # [ft] of a bend
 _FEET_PER_METRE: Final = 3.280839895
+MIN_RADIUS: Final = _MIN_RADIUS / _FEET_PER_METRE
+"""Least radius of a bend in the competition, in m."""
 _STRAIGHT: Final = 1e-6  # [m2] twice the area of the largest triangle of collinear points
 
 _LONGEST: Final = 1e6
