@@ -469,3 +469,19 @@ SIMULATORS: Final = Registry(
     },
     methods=("drive", "__enter__", "__exit__"),
 )
+
+MANOEUVRES: Final = Registry(
+    kind="manoeuvre",
+    group="frenetic.manoeuvres",
+    built_in={
+        name: (f"frenetic.manoeuvres:{target}", summary)
+        for name, target, summary in (
+            ("step", "CurvatureStep", "a straight, then a bend: rise time, overshoot, settling"),
+            ("lane-offset", "LaneOffset", "a start beside the lane's centre: the way back"),
+            ("constant-radius", "ConstantRadius", "a steady bend: offset, understeer"),
+            ("sine", "SweptSine", "bends that come ever faster: gain, phase and bandwidth"),
+            ("slalom", "Slalom", "bends to both sides: largest offset, phase delay"),
+        )
+    },
+    methods=("road", "conditions", "measure"),
+)
