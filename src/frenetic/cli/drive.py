@@ -16,6 +16,7 @@ from frenetic.cli import echo
 from frenetic.cli.command_options import CommandOptions
 from frenetic.cli.console import Log, announced_compilation, print_facts
 from frenetic.cli.drive_facts import facts_of_drive, limit_text, print_measures
+from frenetic.cli.drive_manoeuvre import drive_manoeuvre
 from frenetic.cli.drive_plan import (
     DrivePlan,
     RoadToDrive,
@@ -26,6 +27,7 @@ from frenetic.cli.drive_plan import (
 from frenetic.cli.entries import entry_option, entry_options, part_options, trust_option
 from frenetic.cli.option_types import NewFile
 from frenetic.cli.options import (
+    as_usage_error,
     file_option,
     json_option,
     lane_option,
@@ -43,7 +45,13 @@ if TYPE_CHECKING:
 
 
 @click.command()
-@source_arguments
+@source_arguments(is_required=False)
+@click.option(
+    "--manoeuvre",
+    metavar="NAME",
+    help="Drive a standard manoeuvre in place of a road, and measure the response: 'frenetic list"
+    " manoeuvres'. With options: step,radius=100.",
+)
 @entry_option("roads")
 @part_options
 @entry_options("criteria", "map_size")
@@ -59,8 +67,9 @@ if TYPE_CHECKING:
 def drive(
     context: click.Context,
     /,
-    source: Path,
+    source: Path | None,
     test_ids: tuple[int, ...],
+    manoeuvre: str | None,
     dry: bool,
     plot: Path | None,
     lane: int | None,
@@ -76,42 +85,83 @@ def drive(
     or road_points, a test file of the competition, or OpenDRIVE; in a file with a list of tests, ID
     is the number of a test. A road that lies elsewhere is moved into the map; an invalid road is
     not driven. With --road the roads of a map are driven where they lie, valid or not; where the
-    car leaves its lane, another drive starts after that place. The exit code is 1 if a road is
-    INVALID or the simulator broke (ERROR).
+    car leaves its lane, another drive starts after that place. With --manoeuvre no road is named;
+    --with speed=100 drives the manoeuvre at 100 km/h. The exit code is 1 if a road is INVALID or
+    the simulator broke (ERROR).
     """
     options = CommandOptions.of(context)
-    if source.is_dir():
-        if lane is not None or map_roads is not None:
-            raise click.UsageError("--lane and --road are for OpenDRIVE, not for a campaign's test")
-        plan = plan_for_campaign(options, source, test_ids, is_dry=dry)
-    elif len(test_ids) > 1:
-        raise click.UsageError(
-            f"{source} is no campaign's folder: name one ID of its list of tests"
-        )
-    elif map_roads is not None:
-        if test_ids:
-            raise click.UsageError("--road is for OpenDRIVE, an ID for a list of tests")
+    if manoeuvre is not None:
+        if source is not None or dry or lane is not None or map_roads is not None:
+            raise click.UsageError("--manoeuvre has a road of its own: name no road, lane or --dry")
         if options.says("map_size"):
-            raise click.UsageError("--road drives roads where they lie: leave out --map-size")
-        plan = plan_for_map(options, source, map_roads, lane)
+            raise click.UsageError("--manoeuvre needs no map: leave out --map-size")
+        with as_usage_error():
+            document = drive_manoeuvre(options, manoeuvre, plot, is_quiet=as_json)
+        documents = [document]
+        if as_json:
+            echo(json.dumps(document))
+    elif source is None:
+        raise click.UsageError("Missing argument 'CAMPAIGN|ROAD', or the option --manoeuvre.")
     else:
-        test_id = test_ids[0] if test_ids else None
-        plan = plan_for_file(options, source, lane, test_id, is_dry=dry)
-    has_one_road = len(plan.targets) == 1
-    if plot is not None and (dry or not has_one_road):
-        raise click.UsageError("--plot draws one drive: leave it out with --dry or several roads")
-    documents = _judge(plan) if dry else _drive(plan, plot, is_quiet=as_json)
-    if as_json:
-        echo(json.dumps(documents[0] if has_one_road and map_roads is None else documents))
-    elif dry:
-        for document in documents:
-            text = "valid" if document["valid"] else f"INVALID  {document['message']}"
-            echo(f"{document['road']}: {text}")
+        plan = _plan(options, source, test_ids, lane, map_roads, is_dry=dry)
+        has_one_road = len(plan.targets) == 1
+        if plot is not None and (dry or not has_one_road):
+            raise click.UsageError(
+                "--plot draws one drive: leave it out with --dry or several roads"
+            )
+        documents = _judge(plan) if dry else _drive(plan, plot, is_quiet=as_json)
+        if as_json:
+            echo(json.dumps(documents[0] if has_one_road and map_roads is None else documents))
+        elif dry:
+            for document in documents:
+                text = "valid" if document["valid"] else f"INVALID  {document['message']}"
+                echo(f"{document['road']}: {text}")
     if not all(
         document["valid"] if dry else document["outcome"] in ("PASS", "FAIL")
         for document in documents
     ):
         raise click.exceptions.Exit(1)
+
+
+def _plan(
+    options: CommandOptions,
+    source: Path,
+    test_ids: tuple[int, ...],
+    lane: int | None,
+    map_roads: str | None,
+    *,
+    is_dry: bool,
+) -> DrivePlan:
+    """Return the plan to drive tests of a campaign, the road of a file, or roads of a map.
+
+    Args:
+        options: options of the command line.
+        source: the campaign's folder, or the file.
+        test_ids: IDs of the tests.
+        lane: ID of an OpenDRIVE lane; None for the usual lane.
+        map_roads: IDs of the roads of a map; None for other files.
+        is_dry: whether nothing is driven.
+
+    Raises:
+        click.UsageError: options do not suit the campaign or the file.
+        FreneticError: there is no such campaign, file, test or road.
+    """
+    if source.is_dir():
+        if lane is not None or map_roads is not None:
+            raise click.UsageError("--lane and --road are for OpenDRIVE, not for a campaign's test")
+        return plan_for_campaign(options, source, test_ids, is_dry=is_dry)
+    if len(test_ids) > 1:
+        raise click.UsageError(
+            f"{source} is no campaign's folder: name one ID of its list of tests"
+        )
+    if map_roads is not None:
+        if test_ids:
+            raise click.UsageError("--road is for OpenDRIVE, an ID for a list of tests")
+        if options.says("map_size"):
+            raise click.UsageError("--road drives roads where they lie: leave out --map-size")
+        return plan_for_map(options, source, map_roads, lane)
+    test_id = test_ids[0] if test_ids else None
+    return plan_for_file(options, source, lane, test_id, is_dry=is_dry)
 
 
 def _judge(plan: DrivePlan) -> list[dict[str, Any]]:

@@ -53,7 +53,7 @@ EXPORTS: Final = "exports"
 
 
 @click.command()
-@source_arguments
+@source_arguments()
 @click.option(
     "--format",
     "form",

@@ -14,7 +14,14 @@ from frenetic.cli.options import json_option
 from frenetic.conditions.condition import known_conditions
 from frenetic.criteria.criterion import SIGNALS, criteria_sets, signal_named
 from frenetic.errors import FreneticError
-from frenetic.parts.registry import DRIVERS, OBJECTIVES, SIMULATORS, STRATEGIES, Registry
+from frenetic.parts.registry import (
+    DRIVERS,
+    MANOEUVRES,
+    OBJECTIVES,
+    SIMULATORS,
+    STRATEGIES,
+    Registry,
+)
 
 if TYPE_CHECKING:
     from frenetic.road.classes import RoadClass
@@ -40,6 +47,7 @@ _REGISTRIES: Final = {
     "strategies": STRATEGIES,
     "simulators": SIMULATORS,
     "objectives": OBJECTIVES,
+    "manoeuvres": MANOEUVRES,
 }
 """Kind of a part -> its registry."""
 _KINDS: Final = [*_REGISTRIES, "conditions", "roads", "criteria"]

@@ -62,7 +62,7 @@ class RoadToMinimise:
 
 
 @click.command()
-@source_arguments
+@source_arguments()
 @count_option("--top", "Minimise a campaign's N most telling failures. [default: the first]")
 @count_option("--max-drives", "Drives to spend on each road at most.", default=500)
 @file_option(

@@ -52,13 +52,19 @@ campaign_argument = click.argument("campaign", type=click.Path(path_type=Path))
 """Adds the argument CAMPAIGN, the folder of a campaign."""
 
 
-def source_arguments(command: Callable[P, R]) -> Callable[P, R]:
-    """Add the arguments SOURCE, a campaign's folder or a road file, and IDs of tests."""
+def source_arguments(*, is_required: bool = True) -> Decorator:
+    """Return the arguments SOURCE, a campaign's folder or a road file, and IDs of tests.
+
+    Args:
+        is_required: whether the command needs SOURCE.
+    """
+    name = "CAMPAIGN|ROAD" if is_required else "[CAMPAIGN|ROAD]"
+    path_type = click.Path(path_type=Path)
     arguments = [
-        click.argument("source", type=click.Path(path_type=Path), metavar="CAMPAIGN|ROAD"),
+        click.argument("source", type=path_type, metavar=name, required=is_required),
         click.argument("test_ids", type=int, nargs=-1, metavar="[ID]..."),
     ]
-    return with_options(arguments, command)
+    return lambda command: with_options(arguments, command)
 
 
 # Options whose help differs between commands
