@@ -74,6 +74,9 @@ def test_the_map_shows_failures_thins_passes_and_counts_both(
     assert (note in section.lead) is (mapped != (failures, passes))
     assert block.data["all_driven"] is (mapped == (failures, passes))
     assert block.data["all_failures"] is (failures < 50)
+    weights = block.data["weights"]  # mapped tests, each as often as its weight, are all tests
+    assert weights["failed"] * mapped[0] == pytest.approx(failures)
+    assert weights["passed"] * mapped[1] == pytest.approx(passes)
 
 
 def test_conditions_are_axes_and_drives_beyond_them_have_no_cell() -> None:

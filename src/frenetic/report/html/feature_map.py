@@ -122,6 +122,7 @@ def map_section(
         "second": "mean_speed",
         "all_driven": all_driven,
         "all_failures": all(failed),
+        "weights": {"failed": _weight(failed), "passed": _weight(passed)},
     }
     lead = (
         "Features of road and drive from 30 m before to 30 m after the worst place. Choose a cell"
@@ -131,6 +132,11 @@ def map_section(
         mapped = f"{sum(failed)} of {len(failed)} failures, {sum(passed)} of {len(passed)} others"
         lead += f" The map shows {mapped}, evenly over the campaign."
     return Section("map", title, (DataBlock("featureMap", data),), lead)
+
+
+def _weight(is_mapped: Sequence[bool]) -> float:
+    """Return for how many tests each mapped test of an outcome stands, evenly over the campaign."""
+    return len(is_mapped) / max(sum(is_mapped), 1)
 
 
 def _axis(axis: Axis, cells: Sequence[int | None]) -> dict[str, Any]:

@@ -8,7 +8,7 @@ function drawFeatureMap(element, block) {
     el("select", { id }, block.axes.map((axis) => el("option", { value: axis.name, selected: axis.name === chosen }, axis.description)));
   const across = pick("map-across", block.first);
   const up = pick("map-up", block.second);
-  const shade = el("select", { id: "map-shade" }, el("option", { value: "severity" }, "severity (lowest MOOBD)"), el("option", { value: "count" }, "number of failures"));
+  const shade = el("select", { id: "map-shade" }, el("option", { value: "severity" }, "severity (lowest MOOBD)"), el("option", { value: "count" }, "number of failures"), el("option", { value: "share" }, "share that fails"));
   const place = el("div", { class: "map-place" });
   const panel = el("div", { class: "map-panel", "aria-live": "polite" });
   const axisOf = (select) => block.axes.find(({ name }) => name === select.value);
@@ -68,12 +68,14 @@ function mapGrid(block, xAxis, yAxis, shade, panel) {
   const [least, most] = [Math.min(...worsts), Math.max(...worsts)];
   const mostFailed = Math.max(1, ...found.map((cell) => cell.failed.length));
   const shadeOf = (cell) => {
-    const share =
-      shade === "count"
-        ? Math.log(cell.failed.length) / Math.max(Math.log(mostFailed), 1e-9)
-        : most > least && Number.isFinite(cell.worst) ? (most - cell.worst) / (most - least) : 1;
-    return clamp(Math.floor(share * SHADES), 0, SHADES - 1);
+    const byShade = {
+      count: () => Math.log(cell.failed.length) / Math.max(Math.log(mostFailed), 1e-9),
+      severity: () => (most > least && Number.isFinite(cell.worst) ? (most - cell.worst) / (most - least) : 1),
+      share: () => failingShare(block, cell),
+    };
+    return clamp(Math.floor(byShade[shade]() * SHADES), 0, SHADES - 1);
   };
+  const tint = shade === "count" ? "count" : "severity";
   const buttons = [];
   const grid = el("div", { class: "cells", role: "grid", "aria-label": `Feature map: ${xAxis.description} across, ${yAxis.description} up` });
   grid.style.gridTemplateRows = `repeat(${tall}, 1fr)`;
@@ -83,15 +85,15 @@ function mapGrid(block, xAxis, yAxis, shade, panel) {
     for (const cell of cells.slice(row * wide, (row + 1) * wide)) {
       const driven = cell.failed.length + cell.passed.length;
       const depth = cell.failed.length ? shadeOf(cell) : null;
-      const kind = depth !== null ? `${shade} depth-${depth}` : driven ? "covered" : "empty";
+      const kind = depth !== null ? `${tint} depth-${depth}` : driven ? "covered" : "empty";
       const words = `${rangeText(xAxis, cell.column)}, ${rangeText(yAxis, cell.row)}: ${foundText(block, cell)}`;
       const button = el(
         "button",
         { type: "button", role: "gridcell", class: `cell ${kind}`, title: words, "aria-label": words, tabindex: -1 },
-        cell.failed.length ? String(cell.failed.length) : "",
+        cell.failed.length ? (shade === "share" ? `${fixed(100 * failingShare(block, cell), 0)}%` : String(cell.failed.length)) : "",
       );
-      if (depth !== null) tinted(`${shade}-${depth}`, button);
-      if (cell.failed.length >= 1000) button.classList.add("long");
+      if (depth !== null) tinted(`${tint}-${depth}`, button);
+      if (button.textContent.length >= 4) button.classList.add("long");
       const choose = () => {
         buttons.forEach((other) => other.setAttribute("aria-selected", String(other === button)));
         buttons.forEach((other) => (other.tabIndex = other === button ? 0 : -1));
@@ -108,6 +110,11 @@ function mapGrid(block, xAxis, yAxis, shade, panel) {
   }
   (buttons.find((button, i) => cells[i].failed.length) ?? buttons[0]).tabIndex = 0;
   arrowKeys(grid, () => buttons);
+  const keyEnds = () => {
+    if (shade === "count") return ["1 failure", String(mostFailed)];
+    if (shade === "share") return [`${block.all_driven ? "share that fails" : "estimated share that fails"}: over ${percent(0)}`, percent(1)];
+    return [`MOOBD ${oobWords(most)}`, oobWords(least)];
+  };
   const covered = cells.filter((cell) => cell.failed.length || cell.passed.length).length;
   return el(
     "figure",
@@ -121,15 +128,24 @@ function mapGrid(block, xAxis, yAxis, shade, panel) {
       "figcaption",
       {},
       `Failures in ${block.all_failures ? "" : "at least "}${found.length} of ${cells.length} cells; ${block.all_driven ? "" : "at least "}${covered} were reached. `,
-      ...(found.length ? [shadeKey(shade, shade === "count" ? ["1 failure", String(mostFailed)] : [`MOOBD ${oobWords(most)}`, oobWords(least)])] : []),
+      ...(found.length ? [shadeKey(tint, keyEnds())] : []),
       el("span", { class: "key" }, el("i", { class: "covered" }), block.all_failures ? " driven without failure" : " no failure among those mapped"),
     ),
   );
 }
 
-/** What a cell holds; of tests that are not in the map it says nothing. */
-function foundText(block, { failed, passed }) {
-  return `${count(failed.length, "failure")} of ${count(failed.length + passed.length, block.all_driven ? "test" : "mapped test")}`;
+/** Share of a cell's tests that fail, 0..1; where not all tests are in the map, each stands for several. */
+function failingShare(block, { failed, passed }) {
+  const failing = failed.length * block.weights.failed;
+  return failing / Math.max(failing + passed.length * block.weights.passed, 1e-9);
+}
+
+/** What a cell holds; tests that are not in the map count only in the share. */
+function foundText(block, cell) {
+  const { failed, passed } = cell;
+  const found = `${count(failed.length, "failure")} of ${count(failed.length + passed.length, block.all_driven ? "test" : "mapped test")}`;
+  if (!failed.length) return found;
+  return `${found}, ${block.all_driven ? "" : "about "}${percent(failingShare(block, cell))}`;
 }
 
 function shadeKey(shade, [first, last]) {
