@@ -67,6 +67,7 @@ MANY_PARAMETERS: Final = {
     "search/frenetic_2021.py:__init__": OPTIONS,
     "search/random_roads.py:__init__": OPTIONS,
     "search/random_search.py:__init__": OPTIONS,
+    "search/sweep.py:__init__": OPTIONS,
     "simulators/drive_loop.py:run_drive": "all that a simulator gives the loop, by keyword",
     "simulators/embedded/simulator.py:__init__": OPTIONS,
     "testing/lane_test.py:keeps_lane": OPTIONS,

@@ -18,6 +18,7 @@ from frenetic.search import (
     Origin,
     RandomSearch,
     Strategy,
+    Sweep,
 )
 from frenetic.search.strategy import Ledger
 from frenetic.testing.strategy_contract import StrategyContract
@@ -42,6 +43,11 @@ class TestFreneticWithOptions(StrategyContract):
 class TestFrenetic2021(StrategyContract):
     def make(self, seed: int) -> Strategy:
         return Frenetic2021(seed=seed)
+
+
+class TestSweep(StrategyContract):
+    def make(self, seed: int) -> Strategy:
+        return Sweep(seed=seed)
 
 
 # Each of these strategies breaks one promise of the contract.

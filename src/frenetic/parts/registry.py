@@ -410,6 +410,7 @@ STRATEGIES: Final = Registry(
             "random roads, then mutants and crossovers of the worst (Castellano et al., 2021)",
         ),
         "random": ("frenetic.search:RandomSearch", "random roads only, the baseline"),
+        "sweep": ("frenetic.search:Sweep", "single bends over radius and speed limit, for a map"),
     },
     methods=("ask", "tell"),
 )

@@ -10,6 +10,7 @@ from frenetic.search.strategy import (
     SearchEnded,
     Strategy,
 )
+from frenetic.search.sweep import Sweep
 
 __all__ = [
     "Candidate",
@@ -20,5 +21,6 @@ __all__ = [
     "RandomSearch",
     "SearchEnded",
     "Strategy",
+    "Sweep",
     "Trace",
 ]

@@ -21,6 +21,8 @@ EARLIER = "earlier"
 """The operator that takes a road of an earlier campaign."""
 GIVEN = "given"
 """The operator that takes a stretch of a real road, from which the search starts."""
+SWEEP = "sweep"
+"""The operator that takes a single bend of a sweep."""
 CONDITIONS = "conditions"
 """The operator that takes the parent's road in other conditions."""
 
@@ -58,6 +60,7 @@ OPERATOR_DESCRIPTIONS: Mapping[str, str] = MappingProxyType(
         "mirror": "mirrors the road: left becomes right",
         "straight": "puts a straight before the place",
         CONDITIONS: "drives the road in other conditions",
+        SWEEP: "drives a single bend",
         REST: "continues after the place where the car left its lane",
         GIVEN: "drives a stretch of a real road",
         EARLIER: "drives a road of an earlier campaign again",
