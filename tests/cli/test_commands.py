@@ -39,7 +39,7 @@ CALLS: Final = {
         " ended interrupted facts notice not_repeatable"
     ),
     "resume c --simulations 2 --workers 1": f"{COUNTS} folder seed distinct_failures ended",
-    "show c": f"{COUNTS} folder config causes distinct_failures near_misses coverage facts",
+    "show c": f"{COUNTS} folder config causes distinct_failures near_misses coverage sweep facts",
     "show c 1": "id test_outcome moobd description driven driver rules curvatures step picture",
     "report c": "report",
     "check c": f"{COUNTS} folder findings outstanding trajectories bytes",
@@ -63,6 +63,9 @@ CALLS: Final = {
         " fault driver simulator"
     ),
     "drive c 1": "road outcome differs driver simulator",
+    "drive --manoeuvre step,radius=200": (
+        "manoeuvre options quantities speed_limit length outcome reason moobd driver conditions"
+    ),
     "drive bend.json --dry": "road valid message",
     "calibrate drives.jsonl --driver planner --fit braking": (
         "name driven lane_width fitted recordings validation"
@@ -192,6 +195,17 @@ MISTAKES: Final = [
     ("drive c 1 --lane -2", "--lane and --road are for OpenDRIVE"),
     ("drive c 1 2 --plot p.png", "--plot draws one drive"),
     ("drive straight.json 1", "straight.json is not a folder"),
+    ("drive", "Missing argument 'CAMPAIGN|ROAD', or the option --manoeuvre"),
+    ("drive --manoeuvre stepp", "unknown manoeuvre 'stepp'", "did you mean 'step'?"),
+    ("drive --manoeuvre step,radius=5", "a radius of 5 m", "at least 14.3 m"),
+    ("drive --manoeuvre step,radius=0", "radius is 0: a number > 0 is needed"),
+    ("drive --manoeuvre step --with speed=0", "speed is 0: 1 to 500 km/h is needed"),
+    ("drive --manoeuvre step,radius", "'radius' is not OPTION=VALUE"),
+    ("drive --manoeuvre step --map-size 300", "--manoeuvre needs no map"),
+    ("drive straight.json --manoeuvre step", "--manoeuvre has a road of its own"),
+    ("drive --manoeuvre step --dry", "--manoeuvre has a road of its own"),
+    ("drive --manoeuvre step,radius=100 --roads rural-80", "the road class has at least 240 m"),
+    ("run --strategy sweep,least_radius=10", "least_radius is 10", "at least 14.3 m"),
 ]
 NAMES: Final = cli.list_commands(click.Context(cli))
 """All commands, plug-ins' too."""
@@ -317,7 +331,8 @@ def test_every_command_prints_one_json_document(frenetic: Frenetic, copied: str,
 
 LISTED: Final = {
     "drivers": ["planner", "stanley", "beamng-ai"],
-    "strategies": ["frenetic", "frenetic-2021", "random"],
+    "strategies": ["frenetic", "frenetic-2021", "random", "sweep"],
+    "manoeuvres": ["step", "lane-offset", "constant-radius", "sine", "slalom"],
     "simulators": ["embedded"],
     "objectives": ["moobd"],
     "conditions": ["friction", "wet", "wet_at", "gust"],

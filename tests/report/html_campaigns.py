@@ -14,7 +14,7 @@ from frenetic.drivers import Planner
 from frenetic.oracle.outcome import Outcome
 from frenetic.oracle.verdict import Result
 from frenetic.road.classes import RoadClass
-from frenetic.search import Candidate, Frenetic2021, Origin, RandomSearch
+from frenetic.search import Candidate, Frenetic2021, Origin, RandomSearch, Sweep
 from frenetic.simulators import EmbeddedSimulator
 
 HOSTILE = (
@@ -64,6 +64,18 @@ def make_varied(folder: Path) -> Path:
         simulator=EmbeddedSimulator(),
         driver=Planner(),
         budget=Budget(simulations=40),
+        folder=folder,
+    ).run()
+    return folder
+
+
+def make_swept(folder: Path) -> Path:
+    """Run a sweep over radius and speed limit with a driver that is too fast."""
+    Campaign(
+        strategy=Sweep(seed=1, radii=4, speeds=3, turns=1),
+        simulator=EmbeddedSimulator(),
+        driver=Planner(aggression=1.4),
+        budget=Budget(simulations=100),
         folder=folder,
     ).run()
     return folder

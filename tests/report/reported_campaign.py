@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from html_campaigns import make_searched, make_sloping, make_varied
+from html_campaigns import make_searched, make_sloping, make_swept, make_varied
 
 from frenetic.report.html import write_report
 
@@ -22,6 +22,14 @@ def searched(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def sloping(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A campaign on roads of a class, with its report; no test changes it."""
     folder = make_sloping(tmp_path_factory.mktemp("html") / "sloping")
+    write_report(folder)
+    return folder
+
+
+@pytest.fixture(scope="session")
+def swept(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A sweep over radius and speed limit, with its report; no test changes it."""
+    folder = make_swept(tmp_path_factory.mktemp("html") / "swept")
     write_report(folder)
     return folder
 

@@ -24,6 +24,7 @@ from playwright.sync_api import Browser, Locator, Page, expect
 from frenetic.analysis.clusters import Clusters, distinct_failures
 from frenetic.analysis.coverage import DomainCoverage, domain_coverage
 from frenetic.analysis.failures import Failure, describe
+from frenetic.analysis.sweep_map import sweep_map
 from frenetic.campaign import Budget, Campaign, CampaignStore, Test
 from frenetic.cli import cli
 from frenetic.drivers.loading import load_driver
@@ -489,7 +490,18 @@ def test_the_map_shows_the_roads_of_a_cell(page: Page) -> None:
     number = cell.text_content()
     cell.click()
     expect(cell).to_have_attribute("aria-selected", "true")
-    expect(panel.locator("h3")).to_have_text(re.compile(rf"^{number} failures? of \d+ tests?$"))
+    text = re.compile(rf"^{number} failures? of (\d+) tests?, (\d+)\s%$")
+    expect(panel.locator("h3")).to_have_text(text)
+    match = text.match(panel.locator("h3").text_content() or "")
+    assert match is not None
+    drives, share = map(int, match.groups())
+    assert share == pytest.approx(100.0 * int(number or 0) / drives, abs=0.5)
+    index = int(cell.evaluate("el => [...document.querySelectorAll('.cell')].indexOf(el)"))
+    page.select_option("#map-shade", "share")
+    assert cells.nth(index).text_content() == f"{share}%"
+    expect(page.locator(".map-figure figcaption")).to_contain_text("share that fails")
+    page.select_option("#map-shade", "severity")
+    cells.nth(index).click()
     panel.locator(".card").first.click()
     expect(page.get_by_role("dialog")).to_be_visible()
     page.keyboard.press("Escape")
@@ -515,6 +527,23 @@ def test_the_map_shows_the_roads_of_a_cell(page: Page) -> None:
     assert page.evaluate("document.activeElement.title") != here
     page.keyboard.press("Enter")
     expect(panel.locator("h3")).to_contain_text("failure")
+
+
+def test_a_cell_of_a_sweep_opens_its_worst_drive(show: Show, swept: Path) -> None:
+    page = show(swept / "report.html")
+    with CampaignStore.open(swept) as store:
+        bends = sweep_map(store.tests())
+    assert bends is not None
+    cells = page.locator(".sweep g")
+    expect(cells).to_have_count(bends.drives.size)
+    assert bends.failures.any()
+    shares = [f"{100 * share:.0f}\u00a0%" for share in bends.share.ravel()]
+    assert page.locator(".sweep .share").all_text_contents() == shares
+    expect(page.locator(".sweep [class^=shade]")).to_have_count(int((bends.failures > 0).sum()))
+    worst = int(bends.worst_tests[bends.failures > 0][0])
+    page.locator(f".sweep a[href='#test-{worst}']").first.click()
+    expect(page.get_by_role("dialog")).to_be_visible()
+    expect(page.locator("#player-title")).to_contain_text(str(worst))
 
 
 def coverage_of(folder: Path) -> DomainCoverage:

@@ -12,6 +12,7 @@ from frenetic.analysis.official_segment import competition_segment, failure_segm
 from frenetic.analysis.segments import segments_of
 from frenetic.analysis.spaces import SPACES, Space
 from frenetic.analysis.sparseness import unlike_lines
+from frenetic.analysis.sweep_map import SweepMap, sweep_map
 from frenetic.analysis.unlike import UnlikeFailures
 from frenetic.segments.features import FEATURES, Features, features_of
 from frenetic.segments.segment import Segment, segment_of
@@ -32,6 +33,7 @@ __all__ = [
     "Measure",
     "Segment",
     "Space",
+    "SweepMap",
     "UnlikeFailures",
     "cluster_failures",
     "compare",
@@ -45,5 +47,6 @@ __all__ = [
     "nearest_misses",
     "segment_of",
     "segments_of",
+    "sweep_map",
     "unlike_lines",
 ]

@@ -33,6 +33,7 @@ from frenetic.spec.parts import PARTS
 
 if TYPE_CHECKING:
     from frenetic.analysis.coverage import DomainCoverage
+    from frenetic.analysis.sweep_map import SweepMap
     from frenetic.campaign import CampaignStore, Test
     from frenetic.campaign.counts import Counts
 
@@ -213,6 +214,7 @@ def _show_campaign(store: CampaignStore, as_json: bool) -> None:
     """Print what a campaign holds: its facts, failures and coverage."""
     from frenetic.analysis.clusters import LISTED, distinct_failures, nearest_misses
     from frenetic.analysis.coverage import domain_coverage
+    from frenetic.analysis.sweep_map import sweep_map
     from frenetic.report.minimised import minimised_drives
 
     counts, setting = store.counts(), store.setting
@@ -220,6 +222,7 @@ def _show_campaign(store: CampaignStore, as_json: bool) -> None:
     listed_clusters = clusters if counts.failed else nearest_misses(store)
     minimised = minimised_drives(store, [cause.example for cause in clusters.causes])
     coverage = domain_coverage(setting, store.tests())
+    swept = sweep_map(store.tests())
     if as_json:
         document = {
             "folder": str(store.folder),
@@ -228,6 +231,7 @@ def _show_campaign(store: CampaignStore, as_json: bool) -> None:
             "distinct_failures": clusters_json(clusters),
             "near_misses": [] if counts.failed else clusters_json(listed_clusters),
             "coverage": None if coverage is None else coverage.as_json(),
+            "sweep": None if swept is None else swept.as_json(),
             "facts": dict(store.facts),
             "config": dict(store.config),
         }
@@ -244,6 +248,8 @@ def _show_campaign(store: CampaignStore, as_json: bool) -> None:
             " were never reached"
         )
         print_facts(list(_coverage_facts(coverage)))
+    if swept is not None:
+        _print_sweep(swept)
     if listed_clusters:
         example = clusters.causes[0].example if counts.failed else listed_clusters[0].most_severe
         echo(f"Example in full: frenetic show {shell(store.folder)} {example}")
@@ -349,6 +355,21 @@ def _coverage_facts(coverage: DomainCoverage) -> Iterator[tuple[str, str]]:
         yield label, f"{gap.as_text()}, {gap.likelihood}"
     if coverage.outside:
         yield "outside", f"{counted(coverage.outside, 'drive')}, which count nowhere"
+
+
+def _print_sweep(swept: SweepMap) -> None:
+    """Print failures and drives of each cell of a sweep, with the lowest MOOBD."""
+    rows = []
+    for i in reversed(range(len(swept.speeds))):
+        cells = [
+            f"{swept.failures[i, j]}/{swept.drives[i, j]} {swept.moobd[i, j]:5.2f}"
+            if swept.drives[i, j]
+            else None
+            for j in range(len(swept.radii))
+        ]
+        rows.append((f"{swept.speeds[i]:g} km/h", *cells))
+    echo("\nFailures/drives and lowest MOOBD (m) by radius and speed limit")
+    print_table(("", *(f">{radius:g} m" for radius in swept.radii)), rows)
 
 
 def _cause_text(test: Test) -> str:

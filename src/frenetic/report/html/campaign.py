@@ -15,6 +15,7 @@ from frenetic.analysis.axes import varied_axes
 from frenetic.analysis.clusters import Clusters
 from frenetic.analysis.coverage import domain_coverage
 from frenetic.analysis.failures import Failure
+from frenetic.analysis.sweep_map import sweep_map
 from frenetic.campaign.configuration import SPEC
 from frenetic.campaign.record import Test
 from frenetic.campaign.store import CampaignStore
@@ -29,6 +30,7 @@ from frenetic.report.html.gallery import gallery_section
 from frenetic.report.html.headline import headline, title_of
 from frenetic.report.html.page import DataBlock, Report, Section, write_page
 from frenetic.report.html.reading import Reading, finished_at_of
+from frenetic.report.html.sweep import sweep_section
 from frenetic.report.html.tests import (
     COLUMNS,
     Film,
@@ -129,6 +131,7 @@ def campaign_report(
     rerun_ids = [test.id for rerun in elsewhere_reruns for test in rerun.tests]
     shown = _tests_to_show(tests, shown_clusters, rerun_ids)
     coverage = domain_coverage(store.setting, store.tests())
+    swept = sweep_map(store.tests())
     driven = [test.conditions for test in tests if test.outcome.is_driven]
     axes = varied_axes(driven) if coverage is None else coverage.axes
     drives = _drives(store, shown)
@@ -146,6 +149,7 @@ def campaign_report(
             ),
             timeline_section(tests, clusters),
             *([] if coverage is None else [domain_section(coverage)]),
+            *([] if swept is None else [sweep_section(swept, store.setting.lane_width)]),
             map_section({i: features for i, (features, _) in mapped.items()}, tests, cells),
             Section("tests", "All tests", (DataBlock("tests", {}),)),
             configuration_section(store.folder, config, store.facts),
