@@ -99,6 +99,7 @@ def test_a_sweep_is_a_campaign_with_a_map(frenetic: Frenetic) -> None:
     words = ("run", "--strategy", "sweep,radii=3,speeds=2,turns=1", "--seed", "1", "--out", "c")
     ran = frenetic(*words, "--driver", "aggression=1.4", "--simulations", "9")
     assert ran.code == 0, ran.err
+    assert "speed limit 30 to 80 km/h, swept" in ran.err
     resumed = frenetic("resume", "c", "--simulations", "100")
     assert "every bend was driven at every speed limit" in resumed.out
     document = frenetic("show", "c", "--json").json["sweep"]
@@ -106,6 +107,7 @@ def test_a_sweep_is_a_campaign_with_a_map(frenetic: Frenetic) -> None:
     assert document["speeds"] == [30.0, 80.0]
     assert [cell["drives"] for cell in document["cells"]] == [2] * 6
     shown_map = frenetic("show", "c").out
+    assert "speed limit 30 to 80 km/h, swept" in shown_map
     assert "Failures/drives and lowest MOOBD (m) by radius and speed limit" in shown_map
     last = document["cells"][-1]
     assert f"{last['failures']}/2  {last['moobd']:.2f}" in shown_map

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -13,6 +14,7 @@ from linear_car import Proportional, car_at
 from frenetic import BeamngAi, Controls, DriveSetup, EmbeddedSimulator, Observation, Planner
 from frenetic.errors import FreneticError
 from frenetic.manoeuvres import LaneOffset, drive_manoeuvre
+from frenetic.oracle.drive import Drive, Trajectory
 from frenetic.oracle.outcome import Outcome
 from frenetic.parts.registry import MANOEUVRES
 
@@ -183,6 +185,36 @@ def test_a_driver_that_breaks_has_no_numbers() -> None:
     result = drive_manoeuvre("step", Broken(), EmbeddedSimulator())
     assert result.result.fault is not None
     assert all(quantity.value is None for quantity in result.measures.quantities)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_records_without_numbers_are_not_measured(
+    name: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    drive = EmbeddedSimulator.drive
+
+    def broken(*arguments: Any) -> Drive:
+        driven = drive(*arguments)
+        rows = driven.trajectory.to_rows()
+        rows[-20, Trajectory.names().index("yaw_rate")] = math.nan
+        return replace(driven, trajectory=Trajectory.from_rows(rows))
+
+    monkeypatch.setattr(EmbeddedSimulator, "drive", broken)
+    result = drive_manoeuvre(name, Planner(), EmbeddedSimulator())
+    reasons = {quantity.reason for quantity in result.measures.quantities}
+    assert reasons == {"not measured: the simulator recorded values that are no numbers"}
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_car_that_crawls_has_numbers_or_reasons(name: str) -> None:
+    class Crawling(Planner):
+        def act(self, observation: Observation) -> Controls:
+            steering = super().act(observation).steering
+            return Controls(steering, throttle=0.1 if observation.speed < 2.6 else 0.0)
+
+    result = drive_manoeuvre(name, Crawling(), EmbeddedSimulator())
+    for quantity in result.measures.quantities:
+        assert quantity.reason or math.isfinite(quantity.value or 0.0)
 
 
 @pytest.mark.parametrize("name", NAMES)

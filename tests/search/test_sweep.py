@@ -9,11 +9,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from frenetic import Candidate, Road
+from frenetic import Candidate, EmbeddedSimulator, Road
 from frenetic.road.classes import class_of
 from frenetic.road.road_values import USUAL_CHANGE
 from frenetic.search import Sweep
 from frenetic.search.strategy import SearchEnded
+from frenetic.testing import DummySimulator
 
 
 def candidates(**options: Any) -> Iterator[Candidate]:
@@ -91,6 +92,10 @@ def test_a_rolling_start_is_at_the_speed_limit() -> None:
     for candidate in candidates(rolling=True, run_up=20.0, radii=2, speeds=2):
         assert candidate.conditions["start_speed"] == candidate.conditions["speed"]
     assert "start_speed" not in next(candidates()).conditions
+    assert list(candidates(rolling=True, radii=1, simulator=EmbeddedSimulator()))
+    with pytest.raises(ValueError, match="in DummySimulator a car cannot start at a speed"):
+        Sweep(seed=1, rolling=True, simulator=DummySimulator())
+    assert Sweep(seed=1, simulator=DummySimulator()).options == Sweep(seed=1).options
 
 
 def test_one_step_is_the_least_value() -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Final
 
 from frenetic._support.words import lane_words
 from frenetic.cli.console import print_table
@@ -16,6 +16,10 @@ if TYPE_CHECKING:
     from frenetic.oracle.verdict import Finding, Result
     from frenetic.road import Road
     from frenetic.spec.terms import DriveSetting
+
+
+_SWEPT_LIMITS: Final = {"least_speed", "largest_speed"}
+"""Options of a sweep that are its range of speed limits."""
 
 
 def limit_text(
@@ -34,13 +38,18 @@ def limit_text(
     return setting.rules_in(conditions).limit_text(road, class_name)
 
 
-def limit_of_search(setting: DriveSetting, from_roads: object) -> str:
+def limit_of_search(setting: DriveSetting, from_roads: object, strategy_options: object) -> str:
     """Return the speed limit of a search's roads as a text, with its origin.
 
     Args:
         setting: the terms and rules of the search.
         from_roads: folder of the real roads from which the search starts; None without such roads.
+        strategy_options: recorded options of the strategy, a mapping; a sweep has a least and a
+            largest speed limit.
     """
+    if isinstance(strategy_options, Mapping) and strategy_options.keys() >= _SWEPT_LIMITS:
+        least, largest = strategy_options["least_speed"], strategy_options["largest_speed"]
+        return f"{least:g} to {largest:g} km/h, swept"
     domain, rules = setting.domain, setting.rules_in({})
     if domain is not None and SPEED in domain.conditions:
         return f"drawn from {domain.name}"

@@ -65,10 +65,11 @@ def run(
     campaign = make_campaign(spec, new_folder() if out is None else out, code_folder)
     strategy, driver, simulator = map(spec.part, PARTS)
     conditions = f" with {as_text(spec.conditions)}" if spec.conditions else ""
+    strategy_options = getattr(campaign.strategy, "options", {})
     announcement = (
         f"Searching with {strategy} for roads on which {driver} fails in {simulator}{conditions},"
         f" seed {spec.seed}; speed limit"
-        f" {limit_of_search(campaign.tester.setting, spec.from_roads)}"
+        f" {limit_of_search(campaign.tester.setting, spec.from_roads, strategy_options)}"
     )
     search(
         campaign,

@@ -272,7 +272,9 @@ def _facts_of_campaign(store: CampaignStore, counts: Counts) -> list[tuple[str, 
     budget, rate = _budget(store), FailureRate.read(store.folder)
     stability = FailureStability.read(facts)
     rules, error = setting.rules, first_error(store)
-    limit = limit_of_search(setting, config.get("from_roads"))
+    strategy = config.get("strategy")
+    strategy_options = strategy.get("options") if isinstance(strategy, Mapping) else None
+    limit = limit_of_search(setting, config.get("from_roads"), strategy_options)
     return [
         ("campaign", str(store.folder)),
         *((kind, _part_text(config, kind)) for kind in PARTS),

@@ -7,6 +7,8 @@ from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Any
 
+import numpy as np
+
 from frenetic.conditions.condition import START_SPEED, condition_named
 from frenetic.drivers.driver import Driver
 from frenetic.errors import FreneticError, RoadError
@@ -84,6 +86,9 @@ class ManoeuvrePlan:
         result = judge(self.road, drive)
         if result.moobd is None:  # nothing was driven, or the simulator broke
             measures = Measures.missing(self.manoeuvre.QUANTITIES, f"not measured: {result.reason}")
+        elif not np.isfinite(drive.trajectory.block).all():
+            reason = "not measured: the simulator recorded values that are no numbers"
+            measures = Measures.missing(self.manoeuvre.QUANTITIES, reason)
         else:
             located = locate_drive(self.road, drive)
             measures = self.manoeuvre.measure(ManoeuvreDrive(located, self.speed, self.wheelbase))

@@ -35,7 +35,7 @@ Period: TypeAlias = Annotated[float, Meta(gt=0.0, le=60.0)]
 Transition: TypeAlias = Annotated[float, Meta(gt=0.0, le=500.0)]
 """A length of a clothoid, in m."""
 _OFFSET_UNREST: Final = 0.1  # [m] by which a steady offset may still move; our choice
-_LEAST_SPEED: Final = 1.0  # [m/s] below which yaw rate / speed is no curvature; our choice
+_WALKING_PACE: Final = 1.0  # [m/s], which keeps a quotient finite; our choice
 _CHANGE_LENGTH: Final = 10.0  # [m] over which `USUAL_CHANGE` counts
 MAX_CHANGE: Final = USUAL_CHANGE / _CHANGE_LENGTH
 """Largest change of the curvature along a road, in 1/m per m."""
@@ -172,11 +172,10 @@ class ManoeuvreDrive:
     def driven_curvature(self) -> FloatArray:
         """Curvature that the car drives, its yaw rate divided by its speed, (n,) in 1/m.
 
-        NaN below walking pace.
+        A car that is slower than a walker counts as one as fast as a walker.
         """
         path = self.located.path
-        speed = np.where(path.speed >= _LEAST_SPEED, path.speed, np.nan)
-        return np.asarray(path.yaw_rate / speed)
+        return np.asarray(path.yaw_rate / np.maximum(path.speed, _WALKING_PACE))
 
     def time_at(self, place: float) -> float | None:
         """Return when the car passed a place of the road, in s; None if it never did.

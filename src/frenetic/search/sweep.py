@@ -72,6 +72,8 @@ class Sweep(Strategy):
             simulator must have the condition ``start_speed``.
         step: m between two curvature values.
         road_class: Class of the roads, see `Strategy.road_class`.
+        simulator: The campaign's simulator, which must be able to start at a speed if `rolling`;
+            None if it is not known.
 
     Raises:
         ValueError: An option is out of range; the message says which and what is allowed.
@@ -99,9 +101,13 @@ class Sweep(Strategy):
         rolling: bool = False,
         step: Positive = 2.0,
         road_class: RoadClass | None = None,
+        simulator: object = None,
     ) -> None:
         self.options = checked_options(locals(), Sweep.__init__)
         self.road_class = road_class
+        if rolling and simulator is not None and not hasattr(simulator, START_SPEED):
+            name = type(simulator).__name__
+            raise ValueError(f"rolling: in {name} a car cannot start at a speed; leave it out")
         least, largest = _radii_of(road_class, least_radius, largest_radius)
         _require_ascending("radius", least, largest)
         _require_ascending("speed", least_speed, largest_speed)
