@@ -73,7 +73,12 @@ def test_gymnasiums_checker_accepts_the_environment() -> None:
 
 @pytest.mark.parametrize(
     ("speed", "options"),
-    [(8.0, {}), (14.0, {"friction": 0.8}), (11.0, {"start_offset": 0.5, "vehicle": "metadrive"})],
+    [
+        (8.0, {}),
+        (14.0, {"friction": 0.8}),
+        (11.0, {"start_offset": 0.5, "vehicle": "metadrive"}),
+        (12.0, {"start_speed": 30.0}),
+    ],
 )
 def test_an_episode_equals_the_drive_of_the_same_policy(
     speed: float, options: dict[str, Any]

@@ -142,7 +142,7 @@ def step_cars(
         setups: (n, 9) setups, see `frenetic.drivers.laws.setup_array`.
         limits: (n, m, 2) station in m, and the speed limit from there on in m/s.
         car, vehicle: see `rollout`.
-        start: (2,) offset in m and angle in rad of the start, see `start_state`.
+        start: (3,) offset in m, angle in rad and speed in m/s of the start, see `start_state`.
         states: (n, 7) states of the cars.
         records: (n, r, 11) records of the trajectories, which are filled.
         steps: (n,) numbers of control periods driven.
@@ -160,6 +160,7 @@ def step_cars(
         if tasks[k] == START:
             table = tables[k][: rows[k, 0]]
             states[k] = start_state(table, roads[k, 1], start[0], start[1])
+            states[k, SPEED] = start[2]
             steps[k] = 0
             places[k, 0] = 0.0
             places[k, 1] = math.inf
@@ -247,7 +248,9 @@ class Cars:
         """Space of one car's actions."""
         self._car = simulator.car.to_array()
         self._vehicle = simulator.vehicle.to_array()
-        self._start = np.array([simulator.start_offset, simulator.start_heading])
+        self._start = np.array(
+            [simulator.start_offset, simulator.start_heading, simulator.start_speed / 3.6]
+        )
         # Arrays of the kernel, see `step_cars`; the tables and slopes grow with longer roads.
         self._driven_roads: list[Road | None] = [None] * count
         self._tables = np.empty((count, 0, WIDENING + 1))
