@@ -1,4 +1,4 @@
-"""Make the pictures of the page on reports: ``python docs/make_report_pictures.py``.
+"""Make the pictures of reports: ``python docs/make_report_pictures.py``.
 
 This needs Playwright and a Chromium, as the report's tests do.
 """
@@ -36,6 +36,7 @@ def main() -> None:
         options = ["--no-sandbox"] if is_root else []  # Chromium's sandbox refuses root
         browser = playwright.chromium.launch(executable_path=chromium, args=options)
         take_pictures(browser, report)
+        take_sweep(browser, make_sweep(Path("swept")).resolve())
         browser.close()
         os.chdir(IMAGES)  # out of the temporary folder, which is deleted now
 
@@ -54,6 +55,19 @@ def make_report(folder: Path) -> Path:
         vary=[Variation("friction", 0.9, 1.3), Variation("start", -0.2, 0.2)],
     )
     return write_report(folder)
+
+
+def make_sweep(folder: Path) -> Path:
+    """Run the sweep of the page on manoeuvres, and return the path of its report."""
+    words = ["--strategy", "sweep", "--driver", "planner,aggression=1.3", "--out", str(folder)]
+    cli.main(["run", "--seed", SEED, *words], standalone_mode=False)
+    return write_report(folder)
+
+
+def take_sweep(browser: Browser, report: Path) -> None:
+    """Take a picture of the map of a sweep."""
+    page = open_report(browser, report, width=900, height=900)
+    page.locator(".block-sweepMap").screenshot(path=IMAGES / "report-sweep.png")
 
 
 def take_pictures(browser: Browser, report: Path) -> None:

@@ -125,7 +125,8 @@ PICTURES = {
     "README.md": {
         "failure.png": "first/minimised/test-00159.png",
         "gallery.png": "first/failures/gallery.png",
-    }
+    },
+    "manoeuvres.md": {"manoeuvre-step.png": "step.png"},
 }
 """Name of a page -> the pictures in docs/images that its commands draw."""
 

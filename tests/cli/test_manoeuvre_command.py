@@ -25,6 +25,30 @@ class Slow:
         steering = 2 * self.wheelbase * y / (x * x + y * y)
         return Controls(steering, throttle=0.3 if observation.speed < 12 else 0.0)
 """
+OWN_MANOEUVRE = """
+from dataclasses import dataclass
+from typing import ClassVar
+
+from frenetic import Road
+from frenetic.manoeuvres import Measures, QuantityName
+
+TOP_SPEED = QuantityName("top_speed", "car", "km/h")
+
+@dataclass
+class Straight:
+    name: ClassVar[str] = "straight"
+    QUANTITIES: ClassVar[tuple[QuantityName, ...]] = (TOP_SPEED,)
+    length: float = 150.0
+
+    def conditions(self, speed):
+        return {}
+
+    def road(self, speed, lane_width):
+        return Road([0.0] * (int(self.length / 10.0) + 1), lane_width=lane_width)
+
+    def measure(self, drive):
+        return Measures((TOP_SPEED.measured(3.6 * drive.located.path.speed.max()),), ())
+"""
 STRAIGHT_DRIVER = """
 from frenetic import Controls
 
@@ -83,6 +107,18 @@ def test_a_driver_of_the_users_own_drives_manoeuvres(frenetic: Frenetic) -> None
     assert answer.code == 0, answer.err
     assert "slow.py:Slow in embedded" in answer.out
     assert "steady offset" in answer.out
+
+
+def test_a_manoeuvre_of_the_users_own_is_driven(frenetic: Frenetic) -> None:
+    Path("mine.py").write_text(OWN_MANOEUVRE)
+    answer = frenetic("drive", "--manoeuvre", "mine.py:Straight,length=120", "--plot", "m.png")
+    assert answer.code == 0, answer.err
+    assert "top speed  car" in answer.out
+    (quantity,) = frenetic("drive", "--manoeuvre", "mine.py:Straight", "--json").json["quantities"]
+    assert quantity["name"] == "top_speed"
+    assert 60.0 < quantity["value"] < 70.0
+    (line,) = frenetic("drive", "--manoeuvre", "mine.py:Other").err.splitlines()
+    assert "mine.py has no class 'Other'" in line
 
 
 def test_what_cannot_be_measured_is_said(frenetic: Frenetic) -> None:

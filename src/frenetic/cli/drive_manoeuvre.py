@@ -153,7 +153,7 @@ def _print(
         columns = list(rows[0])
         print_table(
             tuple(f">{_TITLES.get(column, column)}" for column in columns),
-            [tuple(f"{row[column]:.3g}" for column in columns) for row in rows],
+            [tuple(f"{round(row[column], 3) + 0.0:.3g}" for column in columns) for row in rows],
         )
 
 

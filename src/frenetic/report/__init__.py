@@ -12,6 +12,7 @@ from frenetic._support.lazy_names import import_name
 if TYPE_CHECKING:
     from frenetic.report.html import write_comparison_page, write_report
     from frenetic.report.html.replay import Replay, animate
+    from frenetic.report.manoeuvre_picture import draw_manoeuvre
     from frenetic.report.picture import draw_drive, draw_gallery, draw_road
     from frenetic.report.plots import plot, plot_progress
     from frenetic.report.results import Findings, Results, Step, resume, run
@@ -24,6 +25,7 @@ __all__ = [
     "animate",
     "draw_drive",
     "draw_gallery",
+    "draw_manoeuvre",
     "draw_road",
     "plot",
     "plot_progress",
@@ -41,6 +43,7 @@ _MODULES = {
     "animate": "frenetic.report.html.replay",
     "draw_drive": "frenetic.report.picture",
     "draw_gallery": "frenetic.report.picture",
+    "draw_manoeuvre": "frenetic.report.manoeuvre_picture",
     "draw_road": "frenetic.report.picture",
     "plot": "frenetic.report.plots",
     "plot_progress": "frenetic.report.plots",
