@@ -21,10 +21,10 @@ from html_campaigns import HOSTILE, make_hostile
 from PIL import Image
 from playwright.sync_api import Browser, Locator, Page, expect
 
+from frenetic.analysis.bend_map import sweep_map
 from frenetic.analysis.clusters import Clusters, distinct_failures
 from frenetic.analysis.coverage import DomainCoverage, domain_coverage
 from frenetic.analysis.failures import Failure, describe
-from frenetic.analysis.sweep_map import sweep_map
 from frenetic.campaign import Budget, Campaign, CampaignStore, Test
 from frenetic.cli import cli
 from frenetic.drivers.loading import load_driver

@@ -1,5 +1,6 @@
 """Analysis of a campaign: failures, causes, features, coverage, and comparison with others."""
 
+from frenetic.analysis.bend_map import SweepMap, sweep_map
 from frenetic.analysis.campaign_measures import CampaignMeasures, measure_campaign
 from frenetic.analysis.clusters import Cluster, Clusters, cluster_failures, nearest_misses
 from frenetic.analysis.comparison import Comparison, compare
@@ -12,7 +13,6 @@ from frenetic.analysis.official_segment import competition_segment, failure_segm
 from frenetic.analysis.segments import segments_of
 from frenetic.analysis.spaces import SPACES, Space
 from frenetic.analysis.sparseness import unlike_lines
-from frenetic.analysis.sweep_map import SweepMap, sweep_map
 from frenetic.analysis.unlike import UnlikeFailures
 from frenetic.segments.features import FEATURES, Features, features_of
 from frenetic.segments.segment import Segment, segment_of

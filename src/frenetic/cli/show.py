@@ -32,8 +32,8 @@ from frenetic.spec.part_text import recorded_part
 from frenetic.spec.parts import PARTS
 
 if TYPE_CHECKING:
+    from frenetic.analysis.bend_map import SweepMap
     from frenetic.analysis.coverage import DomainCoverage
-    from frenetic.analysis.sweep_map import SweepMap
     from frenetic.campaign import CampaignStore, Test
     from frenetic.campaign.counts import Counts
 
@@ -212,9 +212,9 @@ def _json_value(value: float | None) -> float | None:
 
 def _show_campaign(store: CampaignStore, as_json: bool) -> None:
     """Print what a campaign holds: its facts, failures and coverage."""
+    from frenetic.analysis.bend_map import sweep_map
     from frenetic.analysis.clusters import LISTED, distinct_failures, nearest_misses
     from frenetic.analysis.coverage import domain_coverage
-    from frenetic.analysis.sweep_map import sweep_map
     from frenetic.report.minimised import minimised_drives
 
     counts, setting = store.counts(), store.setting

@@ -12,10 +12,10 @@ from msgspec.json import encode
 from frenetic._support.entry_points import imported, installed
 from frenetic._support.files import open_file
 from frenetic.analysis.axes import varied_axes
+from frenetic.analysis.bend_map import sweep_map
 from frenetic.analysis.clusters import Clusters
 from frenetic.analysis.coverage import domain_coverage
 from frenetic.analysis.failures import Failure
-from frenetic.analysis.sweep_map import sweep_map
 from frenetic.campaign.configuration import SPEC
 from frenetic.campaign.record import Test
 from frenetic.campaign.store import CampaignStore

@@ -6,7 +6,7 @@ import math
 from typing import Any, Final
 
 from frenetic._support.words import counted, oob_words
-from frenetic.analysis.sweep_map import SweepMap
+from frenetic.analysis.bend_map import SweepMap
 from frenetic.report.html.page import DataBlock, Section, proper
 
 SHADES: Final = 7

@@ -12,7 +12,7 @@ import pytest
 
 from frenetic import Budget, Campaign, Candidate, EmbeddedSimulator, Planner
 from frenetic.analysis import sweep_map
-from frenetic.analysis.sweep_map import bend_of
+from frenetic.analysis.bend_map import bend_of
 from frenetic.campaign import CampaignStore
 from frenetic.campaign.record import Test
 from frenetic.oracle.outcome import Outcome
