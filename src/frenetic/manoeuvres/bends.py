@@ -55,7 +55,8 @@ class BendManoeuvre:
     radius: Positive | None = None
     """Radius of the road's centre line in the arc, in m; None: from `acceleration`."""
     acceleration: Positive = 2.0
-    """Lateral acceleration in the arc at the speed limit, in m/s², if there is no `radius`."""
+    """Lateral acceleration in the arc at the speed limit, in m/s², if there is no `radius`, as far
+    as roads may bend."""
     side: Literal["left", "right"] = "left"
     """Side to which the road bends."""
     transition: Transition | None = None

@@ -117,10 +117,13 @@ def drive_manoeuvre(
         options: options of a manoeuvre that is named, such as ``radius=100.0``.
 
     Raises:
+        TypeError: there are options beside a manoeuvre that is an object.
         FreneticError: no manoeuvre has the name, an option is out of range, or the simulator or the
             driver cannot have the conditions.
         RoadError: no road may bend as the manoeuvre asks.
     """
+    if options and not isinstance(manoeuvre, str):
+        raise TypeError(f"{', '.join(options)}: options are for a manoeuvre's name, not an object")
     named: Manoeuvre = (
         MANOEUVRES.make(manoeuvre, **options) if isinstance(manoeuvre, str) else manoeuvre
     )

@@ -44,10 +44,12 @@ class StepResponse:
     """Time from 10 % to 90 % of the step, in s; None if it never gets there."""
     delay: float | None
     """Time from the step to half of the response in s, negative if the response is ahead."""
-    overshoot: float
-    """Excess over the final value, in per cent of the step; of the asked value if unsettled."""
+    overshoot: float | None
+    """Excess over the final value, in per cent of the step; over the asked value if the response
+    does not settle. None if it does not move."""
     settling_time: float | None
-    """Time from the step until the response stays near its final value, in s."""
+    """Time from the step until the response stays near its final value, in s; None if it does not
+    settle or does not move."""
 
 
 def step_response(
@@ -64,11 +66,13 @@ def step_response(
     """
     last = values[time >= time[-1] - STEADY_TIME]
     final, unrest = float(last.mean()), float(np.ptp(last))
-    step = final - start
-    # A driver that does not move at all has no response, and its final value is the start.
-    is_steady = bool(np.abs(last - final).max() <= BAND * abs(asked - start))
-    if not is_steady or abs(step) < BAND * abs(asked - start):
-        step = asked - start
+    band = BAND * abs(asked - start)
+    is_steady = bool(np.abs(last - final).max() <= band)
+    if is_steady and np.abs(values - start).max() <= band:
+        return StepResponse(final, unrest, None, None, None, None)
+    # A response that ends near its start has no step of its own.
+    has_step = is_steady and abs(final - start) > band
+    step = final - start if has_step else asked - start
     shares = (values - start) / step
     high = _crossing(time, shares, _HIGH)
     low = None if high is None else _last_crossing(time, shares, _LOW, before=high)
@@ -147,6 +151,8 @@ def response_quantities(response: StepResponse, of: str, unit: str) -> tuple[Qua
     """
     rise_time, delay, overshoot, settling_time = response_names(of)
     never = "never reaches {:.0%} of the step"
+    if response.overshoot is None:
+        return tuple(name.missing("does not move") for name in response_names(of))
     return (
         rise_time.measured_if(response.rise_time, never.format(_HIGH)),
         delay.measured_if(response.delay, never.format(_HALF)),

@@ -16,6 +16,7 @@ from frenetic.errors import RoadError
 from frenetic.manoeuvres.manoeuvre import (
     CURVATURE,
     LARGEST_OFFSET,
+    MAX_CHANGE,
     MEAN_SPEED,
     RUN_OUT,
     Graph,
@@ -24,7 +25,6 @@ from frenetic.manoeuvres.manoeuvre import (
     Measures,
     Period,
     QuantityName,
-    require_drivable,
     run_up,
 )
 from frenetic.manoeuvres.response import (
@@ -37,6 +37,7 @@ from frenetic.manoeuvres.response import (
 )
 from frenetic.road import Road
 from frenetic.road.road_values import MAX_SAMPLES
+from frenetic.road.validity import MIN_RADIUS
 
 _SAMPLES: Final = 24  # curvature samples in the shortest period; our choice
 _MEASURED: Final = 2  # periods of each frequency that are measured; our choice
@@ -61,6 +62,8 @@ class Wave:
     """Distance along the road at which the sine begins with phase 0, in m."""
     length: float
     """Length of a period, in m."""
+    amplitude: float
+    """Largest curvature, in 1/m."""
     periods: int
     """Number of periods."""
     measured: int
@@ -83,19 +86,28 @@ class Wave:
         return frequency_response(drive.time[records], phase, asked, driven)
 
 
-def wave_road(waves: Sequence[Wave], amplitude: float, lane_width: float) -> Road:
+def amplitude_of(acceleration: float, speed: float, length: float) -> float:
+    """Return the largest curvature of a sine, in 1/m, as far as roads may bend.
+
+    Args:
+        acceleration: largest lateral acceleration, in m/s².
+        speed: speed, in m/s.
+        length: length of a period, in m.
+    """
+    return min(acceleration / (speed * speed), 1.0 / MIN_RADIUS, MAX_CHANGE * length / math.tau)
+
+
+def wave_road(waves: Sequence[Wave], lane_width: float) -> Road:
     """Return the road with a straight, waves one after the other, and a straight.
 
     Args:
         waves: the waves; each begins where the last one ends.
-        amplitude: largest curvature of the waves, in 1/m.
         lane_width: width of each lane, in m.
 
     Raises:
-        RoadError: the waves are too sharp, change too fast, or need too long a road.
+        RoadError: the waves need too long a road.
     """
     shortest = min(wave.length for wave in waves)
-    require_drivable(amplitude, amplitude * math.tau / shortest)
     length = waves[-1].end + RUN_OUT
     step = max(shortest / _SAMPLES, length / (MAX_SAMPLES - 2))
     if step > shortest / _LEAST_SAMPLES:
@@ -108,7 +120,7 @@ def wave_road(waves: Sequence[Wave], amplitude: float, lane_width: float) -> Roa
     for wave in waves:
         is_inside = (stations >= wave.start) & (stations < wave.end)
         phase = math.tau * (stations[is_inside] - wave.start) / wave.length
-        curvatures[is_inside] = amplitude * np.sin(phase)
+        curvatures[is_inside] = wave.amplitude * np.sin(phase)
     return Road(curvatures, step, lane_width=lane_width)
 
 
@@ -129,7 +141,7 @@ class SweptSine:
     )
 
     acceleration: Positive = 1.0
-    """Largest lateral acceleration at the speed limit, in m/s²."""
+    """Largest lateral acceleration at the speed limit, in m/s², as far as roads may bend."""
     longest: Period = 8.0
     """Longest period, in s at the speed limit."""
     shortest: Period = 0.5
@@ -157,7 +169,7 @@ class SweptSine:
         sizes = [count * length for count, length in zip(counts, lengths, strict=True)]
         starts = list(accumulate(sizes[:-1], initial=run_up(speed)))
         return [
-            Wave(start, length, count, _MEASURED)
+            Wave(start, length, amplitude_of(self.acceleration, speed, length), count, _MEASURED)
             for start, length, count in zip(starts, lengths, counts, strict=True)
         ]
 
@@ -169,9 +181,9 @@ class SweptSine:
             lane_width: width of each lane, in m.
 
         Raises:
-            RoadError: the sine is too sharp, changes too fast, or needs too long a road.
+            RoadError: the sines need too long a road.
         """
-        return wave_road(self.waves(speed), self.acceleration / (speed * speed), lane_width)
+        return wave_road(self.waves(speed), lane_width)
 
     def measure(self, drive: ManoeuvreDrive) -> Measures:
         """Return the bandwidth, the largest gain, and gain and phase over the frequency."""
@@ -229,7 +241,7 @@ class Slalom:
     period: Period = 4.0
     """Period, in s at the speed limit: a bend to the left and a bend to the right."""
     acceleration: Positive = 2.0
-    """Largest lateral acceleration at the speed limit, in m/s²."""
+    """Largest lateral acceleration at the speed limit, in m/s², as far as roads may bend."""
     periods: _Several = 4
     """Number of periods; all but the first are measured."""
 
@@ -242,7 +254,9 @@ class Slalom:
 
     def wave(self, speed: float) -> Wave:
         """Return the wave at a speed limit in m/s."""
-        return Wave(run_up(speed), self.period * speed, self.periods, self.periods - 1)
+        length = self.period * speed
+        amplitude = amplitude_of(self.acceleration, speed, length)
+        return Wave(run_up(speed), length, amplitude, self.periods, self.periods - 1)
 
     def road(self, speed: float, lane_width: float) -> Road:
         """Return the road.
@@ -252,9 +266,9 @@ class Slalom:
             lane_width: width of each lane, in m.
 
         Raises:
-            RoadError: the slalom is too sharp, changes too fast, or needs too long a road.
+            RoadError: the slalom needs too long a road.
         """
-        return wave_road([self.wave(speed)], self.acceleration / (speed * speed), lane_width)
+        return wave_road([self.wave(speed)], lane_width)
 
     def measure(self, drive: ManoeuvreDrive) -> Measures:
         """Return the largest offset, the gain and the phase delay of the curvature driven."""
