@@ -22,6 +22,7 @@ from frenetic.search.operator_names import (
     GIVEN,
     OPERATOR_DESCRIPTIONS,
     REST,
+    SWEEP,
 )
 from frenetic.search.operators import (
     FAIL_OPERATORS,
@@ -162,5 +163,5 @@ def test_f1_f2_and_f4_undo_themselves_and_f3_does_for_an_even_number_of_values(
 
 def test_each_operator_has_a_description() -> None:
     names = {*PASS_OPERATORS, *FAIL_OPERATORS, "C1", "C2", *OPERATORS}
-    names |= {*FAMILIES, REST, EARLIER, GIVEN, CONDITIONS}
+    names |= {*FAMILIES, REST, EARLIER, GIVEN, CONDITIONS, SWEEP}
     assert names == set(OPERATOR_DESCRIPTIONS)
