@@ -36,11 +36,10 @@ from frenetic.segments.commands import (
     beyond_the_car,
     both_pedals,
 )
-from frenetic.segments.departure import Departure, last_record
+from frenetic.segments.departure import Departure
 from frenetic.segments.segment import Segment, segment_of
 
 # The values are our choice.
-_PEDAL_TIME: Final = 0.6  # [s] before a slide, over which the pedals are averaged
 _BRAKING: Final = 0.1  # mean of the brake pedal above which a car brakes
 _ACCELERATING: Final = 0.5  # mean of the throttle pedal above which a car accelerates
 _MIN_STEERING_OUT: Final = 2.5  # [m/s] least gain by steering out beyond the lane's middle
@@ -232,12 +231,11 @@ def _cause_of_slide(departure: Departure, slide: int) -> Cause:
         departure: The departure.
         slide: First record of the slide.
     """
-    time = departure.time
-    before = slice(last_record(time <= time[slide] - _PEDAL_TIME), slide + 1)
-    bend_side = _side(-departure.sign * departure.road[before].sum())
-    if departure.brake[before].mean() > _BRAKING:
+    road = departure.mean_before(slide, departure.road)
+    bend_side = _side(-departure.sign * road)
+    if departure.mean_before(slide, departure.brake) > _BRAKING:
         return Cause(Kind.BRAKES_LATE, bend_side)
-    if departure.throttle[before].mean() > _ACCELERATING:
+    if departure.mean_before(slide, departure.throttle) > _ACCELERATING:
         return Cause(Kind.ACCELERATES, bend_side)
     return Cause(Kind.TOO_FAST, bend_side)
 

@@ -31,6 +31,8 @@ _REAR_AXLE_SHARE: Final = 0.3  # from centre of mass to rear axle, as a share of
 _SLIDING_SLIP: Final = np.radians(10.0)  # [rad] least slip angle of a rear that slides
 _GRIPPING_SLIP: Final = np.radians(5.0)  # [rad] largest slip angle of a rear that grips
 _MIN_SLIDE_TIME: Final = 0.4  # [s] least time from the start of a slide to a departure by it
+_SLIDE_GAP: Final = 1.5  # [s] without sliding between two slides
+_PEDAL_TIME: Final = 0.6  # [s] over which pedals are averaged
 _LINE: Final = 0.5  # [m] largest offset of a car on its line, if it keeps to the lane's middle
 _FARTHEST_LINE: Final = 1.2  # [m] largest offset of a car on its line, wherever it keeps
 _LINE_QUANTILE: Final = 0.75  # quantile of the offsets so far up to which a car is on its line
@@ -76,7 +78,7 @@ class Departure:
     brake: FloatArray
     """Brake pedal, 0..1."""
     first_slide: int | None
-    """First record of a slide; None without a slide."""
+    """First record of the last slide; None without a slide."""
 
     @classmethod
     def of(cls, segment: Segment) -> Departure:
@@ -118,7 +120,7 @@ class Departure:
             steering_input=steering_input,
             throttle=throttle,
             brake=brake,
-            first_slide=_start_of_slide(rear_speed, speed),
+            first_slide=_start_of_slide(time, rear_speed, speed),
         )
 
     @property
@@ -158,6 +160,11 @@ class Departure:
         """Return the time from a record to the departure, in s."""
         return float(self.time[-1] - self.time[record])
 
+    def mean_before(self, record: int, values: FloatArray) -> float:
+        """Return the mean of values, (n,), over `_PEDAL_TIME` up to and with a record."""
+        first = last_record(self.time <= self.time[record] - _PEDAL_TIME)
+        return float(values[first : record + 1].mean())
+
     def needed_steering(self, record: int) -> float:
         """Return the steering with which a car follows the road at a record, in rad, roughly."""
         return float(np.arctan(self.wheelbase * self.curvature[record]))
@@ -184,13 +191,17 @@ def _change(values: FloatArray) -> FloatArray:
     return change
 
 
-def _start_of_slide(lateral_speed: FloatArray, speed: FloatArray) -> int | None:
-    """Return the last record in which the rear grips before it slides; None without a slide.
+def _start_of_slide(time: FloatArray, lateral_speed: FloatArray, speed: FloatArray) -> int | None:
+    """Return the last record in which the rear grips before its last slide; None without a slide.
 
     Args:
+        time: simulated time, (n,) in s.
         lateral_speed: lateral speed of the rear axle, (n,) in m/s.
         speed: speed, (n,) in m/s.
     """
     slip = np.abs(np.arctan2(lateral_speed, np.maximum(speed, 1.0)))  # as if at 1 m/s when slower
     sliding = np.flatnonzero(slip > _SLIDING_SLIP)
-    return last_record(slip[: sliding[0]] < _GRIPPING_SLIP) if len(sliding) else None
+    if not len(sliding):
+        return None
+    first = int(np.append(sliding[0], sliding[1:][np.diff(time[sliding]) > _SLIDE_GAP])[-1])
+    return last_record(slip[:first] < _GRIPPING_SLIP)

@@ -1,0 +1,223 @@
+"""Evidence of a cause: what the driver did first, with numbers, place and time."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import Any, Final, TypeAlias
+
+import numpy as np
+
+from frenetic.segments.bends import place_text
+from frenetic.segments.causes import Kind, mistake_of
+from frenetic.segments.commands import MOST_STEERING
+from frenetic.segments.departure import Departure
+from frenetic.segments.segment import Segment
+
+_AFTERWARDS: Final = 0.6
+"""Time after the beginning of a mistake in which its largest command is looked for, in s; our
+choice."""
+_MOST_SWINGS: Final = 4  # largest number of swings that a text tells (our choice)
+_LEAST_SWING: Final = 0.1  # [m] from the lane's middle to the peak of a swing (our choice)
+_DEGREES: Final = 180.0 / np.pi
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """The first mistake before a failure, as numbers and in words."""
+
+    text: str
+    """What the driver did, where and when, such as "steers 9° to the right where the road needs 8°
+    to the left, entering a left-hand bend of 18 m radius, 1.2 s before it leaves"."""
+    time: float
+    """Simulated time at which the mistake begins, in s."""
+    place: float
+    """Distance along the road at which it begins, in m."""
+    before: float
+    """Time from there to the failure, in s."""
+    steering_input: float
+    """Angle of the front wheels for which the driver asks, in rad: the one told in `text`."""
+    needed_steering: float
+    """Angle with which a car follows the road there, in rad, roughly."""
+    speed: float
+    """Speed there, in m/s."""
+    lateral_acceleration: float
+    """Acceleration that the road's curvature demands at this speed, in m/s²."""
+
+    def as_json(self) -> dict[str, Any]:
+        """Return text and numbers as a JSON object."""
+        return {
+            "text": self.text,
+            "time": round(self.time, 3),
+            "place": round(self.place, 2),
+            "before_failure": round(self.before, 3),
+            "steering_input": round(self.steering_input, 4),
+            "needed_steering": round(self.needed_steering, 4),
+            "speed": round(self.speed, 3),
+            "lateral_acceleration": round(self.lateral_acceleration, 3),
+        }
+
+
+def evidence_of(segment: Segment) -> Evidence:
+    """Return the evidence of a failure's cause, see `frenetic.segments.causes.mistake_of`."""
+    cause, record = mistake_of(segment)
+    departure = Departure.of(segment)
+    record = min(record, len(departure.time) - 1)
+    told = _TOLD[cause.kind](departure, record)
+    place = float(segment.assessment.distance[record])
+    text = told.text
+    needed = departure.needed_steering(told.record)
+    if told.asked is not None:
+        is_same_side = told.asked * needed > 0.0
+        text += f" where the road needs {_steering(needed, with_side=not is_same_side)}"
+    text += f", {place_text(segment.road.curvatures, segment.road.step, place)}"
+    before = departure.before_end(record)
+    if segment.side is not None:
+        text += f", {before:.1f} s before it leaves"
+    speed = float(departure.speed[told.record])
+    return Evidence(
+        text=text,
+        time=float(departure.time[record]),
+        place=place,
+        before=before,
+        steering_input=float(departure.steering_input[told.record]),
+        needed_steering=needed,
+        speed=speed,
+        lateral_acceleration=speed**2 * abs(float(departure.curvature[told.record])),
+    )
+
+
+@dataclass(frozen=True)
+class _Told:
+    """What a text tells first, and where its numbers are from."""
+
+    text: str
+    record: int
+    """Record of the numbers."""
+    asked: float | None = None
+    """Steering with which the text compares what the road needs, in rad; None for none."""
+
+
+_Tell: TypeAlias = Callable[[Departure, int], _Told]
+
+
+def _largest(departure: Departure, record: int, values: Any) -> int:
+    """Return the record of the largest value within `_AFTERWARDS` of a record."""
+    last = int(np.searchsorted(departure.time, departure.time[record] + _AFTERWARDS))
+    return record + int(np.argmax(values[record : max(last, record + 1)]))
+
+
+def _steering(angle: float, *, with_side: bool = True) -> str:
+    """Return an angle of the front wheels in words, such as ``9° to the left``."""
+    degrees = round(abs(angle) * _DEGREES)
+    if not degrees or not with_side:
+        return f"{degrees}°"
+    return f"{degrees}° to the {'left' if angle > 0.0 else 'right'}"
+
+
+def _tell_steering(departure: Departure, record: int) -> _Told:
+    """Tell the steering that differs most from what the road needs."""
+    needed = np.arctan(departure.wheelbase * departure.curvature)
+    most = _largest(departure, record, np.abs(departure.steering_input - needed))
+    asked = float(departure.steering_input[most])
+    return _Told(f"steers {_steering(asked)}", most, asked)
+
+
+def _tell_holding(departure: Departure, record: int) -> _Told:
+    """Tell for how long the steering is at its largest."""
+    columns = departure.steering[record:], departure.steering_input[record:]
+    times = departure.time[record:]
+
+    def seconds_of(column: Any) -> float:
+        largest = np.flatnonzero(np.abs(column) >= np.abs(column).max() - 1e-9)
+        return float(times[largest[-1]] - times[largest[0]])
+
+    held = max(columns, key=seconds_of)
+    angle = float(held[np.argmax(np.abs(held))])
+    text = f"holds its steering at {_steering(angle)} for {seconds_of(held):.1f} s"
+    return _Told(text, _largest(departure, record, np.abs(departure.curvature)), angle)
+
+
+def _tell_rate(departure: Departure, record: int) -> _Told:
+    """Tell the fastest rate of the steering."""
+    times = np.maximum(np.diff(departure.time[record:]), 1e-6)
+    rate = np.abs(np.diff(departure.steering_input[record:]) / times).max() * _DEGREES
+    asked = float(departure.steering_input[record])
+    text = f"turns its steering by {rate:.0f}° a second at most, is at {_steering(asked)}"
+    return _Told(text, record, asked)
+
+
+def _tell_beyond(departure: Departure, record: int) -> _Told:
+    """Tell the steering that is asked for, and what the front wheels reach."""
+    most = _largest(departure, record, np.abs(departure.steering_input))
+    asked = abs(float(departure.steering_input[most]))
+    text = f"asks for {asked * _DEGREES:.0f}° of steering"
+    if asked > MOST_STEERING:
+        text += f" ({asked:.2g} rad: is it an angle in degrees?)"
+    return _Told(text, most)
+
+
+def _tell_pedals(departure: Departure, record: int) -> _Told:
+    """Tell both pedals."""
+    throttle, brake = departure.throttle[record], departure.brake[record]
+    return _Told(f"presses throttle {throttle:.1f} and brake {brake:.1f} at once", record)
+
+
+def _tell_swings(departure: Departure, record: int) -> _Told:
+    """Tell the swings about the lane's middle."""
+    offset = departure.offset[record:] * departure.sign  # positive to the left
+    crossings = np.flatnonzero(np.diff(np.signbit(offset))) + 1
+    peaks = [part[np.argmax(np.abs(part))] for part in np.split(offset, crossings)]
+    swings = [float(peak) for peak in peaks if abs(peak) > _LEAST_SWING][-_MOST_SWINGS:]
+    texts = [f"{abs(swing):.1f} m {'left' if swing > 0.0 else 'right'}" for swing in swings]
+    return _Told(f"swings {', then '.join(texts)} of the lane's middle", record)
+
+
+def _tell_braking(departure: Departure, record: int) -> _Told:
+    """Tell the speed in a bend, and the brake before it."""
+    speed = _tell_speed(departure, record)
+    brake = departure.mean_before(record, departure.brake)
+    return _Told(f"{speed.text}, with the brake at {brake:.1f}", speed.record)
+
+
+def _tell_accelerating(departure: Departure, record: int) -> _Told:
+    """Tell the speed in a bend, and the throttle before it."""
+    speed = _tell_speed(departure, record)
+    throttle = departure.mean_before(record, departure.throttle)
+    return _Told(f"{speed.text}, with the throttle at {throttle:.1f}", speed.record)
+
+
+def _tell_speed(departure: Departure, record: int) -> _Told:
+    """Tell the speed at the largest demand of the bend."""
+    demand = departure.speed**2 * np.abs(departure.curvature)
+    most = _largest(departure, record, demand)
+    speed = departure.speed[most] * 3.6
+    return _Told(f"drives {speed:.0f} km/h, {demand[most]:.0f} m/s² across the road", most)
+
+
+def _tell_standing(departure: Departure, record: int) -> _Told:
+    """Tell when the car last moved."""
+    return _Told(f"stands from {departure.time[record]:.0f} s after the start", record)
+
+
+_TOLD: Final[Mapping[Kind, _Tell]] = MappingProxyType(
+    {
+        Kind.WRONG_WAY: _tell_steering,
+        Kind.CUTS: _tell_steering,
+        Kind.ASTRAY: _tell_steering,
+        Kind.TOO_LITTLE: _tell_steering,
+        Kind.HELD: _tell_holding,
+        Kind.SLOW_STEERING: _tell_rate,
+        Kind.BEYOND: _tell_beyond,
+        Kind.BOTH_PEDALS: _tell_pedals,
+        Kind.OSCILLATES: _tell_swings,
+        Kind.BRAKES_LATE: _tell_braking,
+        Kind.TOO_FAST: _tell_speed,
+        Kind.ACCELERATES: _tell_accelerating,
+        Kind.STANDS: _tell_standing,
+        Kind.SLOW: _tell_speed,
+        Kind.EXCEEDS: _tell_speed,
+    }
+)
+"""Kind of cause -> function that tells it."""
