@@ -256,12 +256,29 @@ def _document(
         **tester.described,
         **({"conditions": conditions} if conditions else {}),
         **({"notes": list(target.notes)} if target.notes else {}),
+        **_mistake(target.road, driven, result),
         **_comparison(target, result, driven, tester),
         **({} if plot is None else {"plot": str(plot)}),
     }
     if driven is not None and result.outcome.is_driven and len(driven.trajectory):
         document["measures"] = measures_json(target.road, driven)
     return document
+
+
+def _mistake(road: Road, driven: Drive | None, result: Result) -> dict[str, Any]:
+    """Return cause and evidence of a failure, for JSON; empty if the drive has none."""
+    from frenetic.segments.causes import as_text as cause_text
+    from frenetic.segments.causes import cause_of
+    from frenetic.segments.evidence import evidence_of_result
+    from frenetic.segments.segment import segment_of
+
+    if driven is None or not len(driven.trajectory) or not result.outcome.is_driven:
+        return {}
+    segment = segment_of(road, driven, result.finding)
+    evidence = evidence_of_result(segment, result)
+    if evidence is None:
+        return {}
+    return {"cause": cause_text(*cause_of(segment)), "evidence": evidence.as_json()}
 
 
 def _comparison(
@@ -350,6 +367,8 @@ def _print(
             ("limit", limit_text(tester.setting, target.road, target.conditions)),
             ("conditions", as_text({**spec.amounts, **target.conditions})),
             *facts_of_drive(result, duration, target.road.lane_width),
+            ("cause", document.get("cause", "")),
+            ("first mistake", document["evidence"]["text"] if "evidence" in document else ""),
             ("result", comparison),
             ("picture", document.get("plot", "")),
         ]

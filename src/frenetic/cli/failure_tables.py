@@ -6,10 +6,12 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from frenetic._support.words import capitalised, counted, oob_unit
+from frenetic.cli import echo
 from frenetic.cli.console import ResultsConsole, print_table
 
 if TYPE_CHECKING:
     from frenetic.analysis import Cluster, Clusters
+    from frenetic.analysis.explained import ExplainedCause
     from frenetic.campaign import CampaignStore, Test
     from frenetic.campaign.counts import Counts
 
@@ -70,10 +72,16 @@ def _distance_column(clusters: Sequence[Cluster], lane_width: float) -> tuple[st
     return f">{noun} ({oob_unit(lane_width)})", 1.0
 
 
-def print_causes(clusters: Clusters, counts: Counts, minimised: Mapping[int, Test]) -> None:
-    """Print a table of the causes of failures.
+def print_causes(
+    causes: Sequence[ExplainedCause],
+    clusters: Clusters,
+    counts: Counts,
+    minimised: Mapping[int, Test],
+) -> None:
+    """Print a table of the causes of failures, and what their examples and trials show.
 
     Args:
+        causes: the causes of the distinct failures.
         clusters: the distinct failures.
         counts: counts of the campaign; possibly with more failures than were compared.
         minimised: ID of a test -> drive on its minimised road.
@@ -90,18 +98,22 @@ def print_causes(clusters: Clusters, counts: Counts, minimised: Mapping[int, Tes
         title += f", {clusters.known} known before"
     ResultsConsole().print(title, style="bold", markup=False)
     print_table(
-        (">failures", ">distinct", "what the driver does", ">example", "its road"),
+        (">failures", ">distinct", "what the driver does", "how sure", ">example", "its road"),
         [
             (
-                cause.failures,
-                len(cause.clusters),
-                cause.words,
-                f"test {cause.example}",
-                _minimised_text(minimised.get(cause.example)),
+                cause.group.failures,
+                len(cause.group.clusters),
+                cause.group.words,
+                cause.certainty,
+                f"test {cause.group.example}",
+                _minimised_text(minimised.get(cause.group.example)),
             )
-            for cause in clusters.causes
+            for cause in causes
         ],
     )
+    for cause in causes:
+        if text := cause.as_text():
+            echo(f"Test {cause.group.example} {text}.")
 
 
 def _minimised_text(minimised: Test | None) -> str | None:
@@ -130,21 +142,17 @@ def clusters_json(clusters: Clusters) -> list[dict[str, Any]]:
     ]
 
 
-def causes_json(clusters: Clusters, minimised: Mapping[int, Test]) -> list[dict[str, Any]]:
+def causes_json(
+    causes: Sequence[ExplainedCause], minimised: Mapping[int, Test]
+) -> list[dict[str, Any]]:
     """Return causes of failures as JSON objects.
 
     Args:
-        clusters: the distinct failures.
+        causes: the causes.
         minimised: ID of a test -> drive on its minimised road.
     """
     lengths = {test_id: test.road.length for test_id, test in minimised.items()}
     return [
-        {
-            "cause": cause.words,
-            "failures": cause.failures,
-            "distinct_failures": len(cause.clusters),
-            "example": cause.example,
-            "minimised_length": lengths.get(cause.example),
-        }
-        for cause in clusters.causes
+        {**cause.as_json(), "minimised_length": lengths.get(cause.group.example)}
+        for cause in causes
     ]

@@ -46,7 +46,7 @@ VARIED_TIMES: Final = 20
 """Drives of each road with --vary, unless --times is given (our choice)."""
 
 _OTHER_STUDIES: Final = ("everything", "times", "varied_conditions", "junit", "fail_on_failure")
-"""Parameters that exclude ``--stability``."""
+"""Parameters that exclude ``--stability`` and ``--trials``."""
 
 
 def _variation(condition: NamedRange, tester: RoadTester) -> Variation:
@@ -83,6 +83,13 @@ def _variation(condition: NamedRange, tester: RoadTester) -> Variation:
     help="Drive failures as they were, with 2 % less grip and with 2 % more, and say how many fail"
     " again and keep their cause.",
 )
+@click.option(
+    "--trials",
+    "are_trials",
+    is_flag=True,
+    help="Drive a failure of each cause, or those with an ID, with one thing changed at a time:"
+    " slower, seen earlier, more grip and so on. So say how sure each cause is.",
+)
 @part_options
 @trust_option
 @workers_option
@@ -106,6 +113,7 @@ def rerun(
     times: int | None,
     varied_conditions: tuple[NamedRange, ...],
     is_study: bool,
+    are_trials: bool,
     workers: int,
     out: Path | None,
     junit: Path | None,
@@ -124,7 +132,6 @@ def rerun(
     along the road, and if road, offsets and speeds before it differ by at most 2 m, as within one
     distinct failure. The same command continues after Ctrl-C, and shows a complete rerun.
     """
-    from frenetic.cli.rerun_stability import study_failures
     from frenetic.rerun.junit import write_junit
     from frenetic.rerun.rerun import rerun_with
 
@@ -139,8 +146,8 @@ def rerun(
         "isolate": True,
         "out": out,
     }
-    if is_study:
-        study_failures(campaign, tester, driving, as_json=as_json)
+    if is_study or are_trials:
+        _study(campaign, tester, driving, are_trials=are_trials, as_json=as_json)
         return
     variations = [_variation(condition, tester) for condition in varied_conditions]
     log = Log()
@@ -161,21 +168,35 @@ def rerun(
     _exit_if_not_good(result, log, fail_on_failure=fail_on_failure)
 
 
+def _study(
+    campaign: Path, tester: RoadTester, driving: ReplayOptions, *, are_trials: bool, as_json: bool
+) -> None:
+    """Try causes, or study the stability of failures; see `rerun` for the arguments."""
+    from frenetic.cli.rerun_stability import study_failures
+    from frenetic.cli.rerun_trials import try_causes
+
+    study = try_causes if are_trials else study_failures
+    study(campaign, tester, driving, as_json=as_json)
+
+
 def _require_fitting_options(context: click.Context) -> None:
     """Check that no option excludes another.
 
     Raises:
-        click.UsageError: ``--all`` stands beside tests, or ``--stability`` beside another study.
+        click.UsageError: ``--all`` stands beside tests, or a study of its own beside another one.
     """
     values = context.params
+    if values["is_study"] and values["are_trials"]:
+        raise click.UsageError("--stability and --trials are two studies: give one of them")
     if values["everything"] and (values["test_ids"] or values["top"] is not None):
         raise click.UsageError("--all excludes --top and the ID of a test")
     for parameter in context.command.params:
         name = parameter.name or ""
-        if values["is_study"] and name in _OTHER_STUDIES and was_given(context, name):
-            raise click.UsageError(
-                f"--stability has its own drives and no verdict: leave out {parameter.opts[0]}"
-            )
+        for study, option in (("is_study", "--stability"), ("are_trials", "--trials")):
+            if values[study] and name in _OTHER_STUDIES and was_given(context, name):
+                raise click.UsageError(
+                    f"{option} has its own drives and no verdict: leave out {parameter.opts[0]}"
+                )
 
 
 def _exit_if_not_good(result: Rerun, log: Log, *, fail_on_failure: bool) -> None:

@@ -109,6 +109,8 @@ class SearchPrinter:
             self._search_times = _search_times(self._command.seconds, self._start_seconds)
         results = step.results
         match step.kind:
+            case "trying":
+                self._begin_step("Trying the causes")
             case "shortening":
                 limit = f"{step.seconds:.0f} s at most"
                 self._begin_step(f"Shortening a failing road of each cause, for {limit}")
@@ -156,7 +158,7 @@ class SearchPrinter:
         if summary is not None and self._as_json:
             findings_json = {
                 "distinct_failures": len(findings.clusters),
-                "causes": causes_json(findings.clusters, results.shortened),
+                "causes": causes_json(results.causes, results.shortened),
                 "near_misses": [] if misses is None else clusters_json(misses),
                 "notes": list(results.notes),
                 "seed": self._seed,
@@ -173,7 +175,7 @@ class SearchPrinter:
                         still_failing=still_failing(store),
                     )
                 if misses is None:
-                    print_causes(findings.clusters, counts, results.shortened)
+                    print_causes(results.causes, findings.clusters, counts, results.shortened)
                 else:
                     print_failures(misses, counts, len(findings.listed), store.lane_width)
             for note in results.notes:

@@ -36,6 +36,7 @@ if TYPE_CHECKING:
     from frenetic.analysis.coverage import DomainCoverage
     from frenetic.campaign import CampaignStore, Test
     from frenetic.campaign.counts import Counts
+    from frenetic.segments.evidence import Evidence
 
 MAX_GAPS: Final = 3
 """Largest number of printed cells without a drive (our choice); the JSON has all."""
@@ -215,19 +216,21 @@ def _show_campaign(store: CampaignStore, as_json: bool) -> None:
     from frenetic.analysis.bend_map import sweep_map
     from frenetic.analysis.clusters import LISTED, distinct_failures, nearest_misses
     from frenetic.analysis.coverage import domain_coverage
+    from frenetic.analysis.explained import explained_causes
     from frenetic.report.minimised import minimised_drives
 
     counts, setting = store.counts(), store.setting
     clusters = distinct_failures(store)
     listed_clusters = clusters if counts.failed else nearest_misses(store)
     minimised = minimised_drives(store, [cause.example for cause in clusters.causes])
+    causes = explained_causes(store, clusters)
     coverage = domain_coverage(setting, store.tests())
     swept = sweep_map(store.tests())
     if as_json:
         document = {
             "folder": str(store.folder),
             **counts.counts_json(),
-            "causes": causes_json(clusters, minimised),
+            "causes": causes_json(causes, minimised),
             "distinct_failures": clusters_json(clusters),
             "near_misses": [] if counts.failed else clusters_json(listed_clusters),
             "coverage": None if coverage is None else coverage.as_json(),
@@ -239,7 +242,7 @@ def _show_campaign(store: CampaignStore, as_json: bool) -> None:
         return
     print_facts(_facts_of_campaign(store, counts))
     if counts.failed:
-        print_causes(clusters, counts, minimised)
+        print_causes(causes, clusters, counts, minimised)
         echo()
     print_failures(listed_clusters, counts, min(LISTED, len(listed_clusters)), setting.lane_width)
     if coverage is not None:
@@ -383,6 +386,21 @@ def _cause_text(test: Test) -> str:
     return "" if failure is None or failure.cause is None else as_text(*failure.cause)
 
 
+def _evidence_of(test: Test) -> Evidence | None:
+    """Return the evidence of a failed test's cause; None if there is none."""
+    from frenetic.segments.evidence import evidence_of_result
+
+    return evidence_of_result(test.segment, test.result)
+
+
+def _trials_text(store: CampaignStore, test_id: int) -> str:
+    """Return what trials of a test's cause showed; empty without trials."""
+    from frenetic.analysis.cause_trials import tried_failures
+
+    tried = tried_failures(store.facts).get(test_id)
+    return "" if tried is None else tried.as_text()
+
+
 def _part_text(config: Mapping[str, Any], kind: str) -> str:
     """Return a part of a campaign's configuration with its options and version."""
     version = short_version(innermost(config.get(kind)))
@@ -447,10 +465,15 @@ def _show_test(store: CampaignStore, test_id: int, as_json: bool) -> None:
 
     test = store.test(test_id)
     result_number, own_conditions = test.result_number, test.candidate.conditions
-    picture = _draw(store, test)
+    picture, evidence = _draw(store, test), _evidence_of(test)
     if as_json:
         document = road_document(test, store.config, signed_driving(store))
-        echo(json.dumps(document | {"picture": picture, "result_number": result_number}))
+        further = {
+            "picture": picture,
+            "result_number": result_number,
+            "evidence": None if evidence is None else evidence.as_json(),
+        }
+        echo(json.dumps(document | further))
         return
     number_text = "" if result_number == test_id else f", result {result_number}"
     print_facts(
@@ -459,6 +482,8 @@ def _show_test(store: CampaignStore, test_id: int, as_json: bool) -> None:
             ("outcome", f"{test.outcome}  {test.reason}"),
             ("origin", _origin_text(store, test)),
             ("cause", _cause_text(test)),
+            ("first mistake", "" if evidence is None else evidence.text),
+            ("trials", _trials_text(store, test_id)),
             ("conditions", conditions_text({**_conditions(store), **own_conditions})),
             ("road", test.road.as_text()),
             ("limit", limit_text(store.setting, test.road, own_conditions)),

@@ -19,6 +19,7 @@ from types import MappingProxyType
 from typing import Any, Final
 
 from frenetic._support.entry_points import RegisteredPart, imported, installed
+from frenetic.conditions.aids import AIDS
 from frenetic.conditions.declaration import FARTHEST, Condition
 from frenetic.conditions.sensors_and_steering import SENSOR_CONDITIONS, STEERING_CONDITIONS
 from frenetic.errors import FreneticError, UnknownNameError
@@ -199,6 +200,7 @@ _BUILT_IN: Final = (
     ),
     *STEERING_CONDITIONS,
     *SENSOR_CONDITIONS,
+    *AIDS,
 )
 
 _BUILT_IN_BY_NAME: Final = {condition.name: condition for condition in _BUILT_IN}

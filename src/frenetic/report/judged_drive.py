@@ -18,6 +18,8 @@ from frenetic.oracle.outcome import Outcome
 from frenetic.oracle.verdict import Result, judge
 from frenetic.report.style import OUTCOME_COLOURS
 from frenetic.road import Road
+from frenetic.segments.evidence import Evidence, evidence_of_result
+from frenetic.segments.segment import segment_of
 
 KMH: Final = 3.6
 """Km/h in one m/s."""
@@ -39,6 +41,8 @@ class JudgedDrive:
     """Heading at each record, (n,) in rad."""
     speed: FloatArray
     """Speed along the car at each record, (n,) in km/h."""
+    mistake: Evidence | None = None
+    """The driver's first mistake before a failure; None if there is none."""
 
     def __len__(self) -> int:
         return len(self.distance)
@@ -74,15 +78,18 @@ def judge_drive(road: Road, thing: Drive | Test) -> JudgedDrive:
         else Assessment(0, *(np.empty(0) for _ in range(4)))  # nothing was recorded
     )
     n = len(assessment.distance)
+    result = judge(road, drive) if isinstance(thing, Drive) else thing.result
+    segment = segment_of(road, drive, result.finding) if n else None
     return JudgedDrive(
         drive=drive,
-        result=judge(road, drive) if isinstance(thing, Drive) else thing.result,
+        result=result,
         distance=assessment.distance,
         oob_distance=assessment.oob_distance,
         # Matplotlib cannot draw places that are too far away.
         xy=np.clip(np.column_stack([trajectory.x[:n], trajectory.y[:n]]), -1e6, 1e6),
         heading=trajectory.heading[:n],
         speed=trajectory.speed[:n] * KMH,
+        mistake=evidence_of_result(segment, result),
     )
 
 

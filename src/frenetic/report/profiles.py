@@ -20,6 +20,7 @@ from frenetic.road.profile import value_at
 
 _TITLE_HEIGHT: Final = 0.3  # [in] above a profile; our choice
 _AXIS_HEIGHT: Final = 0.55  # [in] below the last profile; our choice
+_MOST_ASKED: Final = np.radians(90.0)  # [rad] drawn of the steering that is asked for; our choice
 _LINE_COLOUR: Final = "#48678a"
 
 
@@ -36,6 +37,8 @@ class Profile(NamedTuple):
 def profiles_of(road: Road, judged: JudgedDrive | None) -> list[Profile]:
     """Return the profiles to draw for a road and its drive, from top to bottom."""
     names = {"curvature"} if judged is None or not len(judged) else {"oob", "curvature", "speed"}
+    if judged is not None and judged.mistake is not None:
+        names |= {"steering", "pedals"}
     names |= {name for name in ("grade", "superelevation") if len(getattr(road, name))}
     return [profile for profile in _PROFILES if profile.name in names]
 
@@ -71,11 +74,15 @@ def draw_profiles(
         for finding in () if judged is None else judged.result.findings:
             if finding.criterion not in (LANE, DRIVER):
                 axes.axvline(finding.distance, color=ALARM, lw=1.0, ls=":", zorder=2)
+        if judged is not None and judged.mistake is not None:
+            axes.axvline(judged.mistake.place, color=INK, lw=1.0, ls="--", zorder=2)
+            if profile.name == "steering":
+                _label_line(axes, judged.mistake.place / road.length, "first mistake", INK)
         if judged is not None and judged.result.departure is not None:
             departure = judged.result.departure.distance
             axes.axvline(departure, color=ALARM, lw=1.0, zorder=2)
             if profile is profiles[0]:
-                _label_departure(axes, departure / road.length)
+                _label_line(axes, departure / road.length, "departure", ALARM)
         y += profile.height
     middle = left + 0.5 * width
     page.text(middle, y + 0.335, "distance along the road (m)", size=8.5, color=QUIET, ha="center")
@@ -116,14 +123,41 @@ def _draw_oob_distance(axes: Axes, road: Road, judged: JudgedDrive | None) -> No
     )  # fmt: skip
 
 
-def _label_departure(axes: Axes, share: float) -> None:
-    """Write "departure" beside its line, which is at a share of the road's length."""
+def _label_line(axes: Axes, share: float, text: str, colour: str) -> None:
+    """Write a text beside a line, which is at a share of the road's length."""
     is_left_of_line = share > 0.85
     axes.annotate(
-        "departure", (share, 1.0), (-5.0 if is_left_of_line else 5.0, -3.0),
+        text, (share, 1.0), (-5.0 if is_left_of_line else 5.0, -3.0),
         xycoords="axes fraction", textcoords="offset points", va="top", size=8.5,
-        ha="right" if is_left_of_line else "left", weight="bold", color=ALARM, zorder=6,
+        ha="right" if is_left_of_line else "left", weight="bold", color=colour, zorder=6,
     )  # fmt: skip
+
+
+def _draw_steering(axes: Axes, _: Road, judged: JudgedDrive | None) -> None:
+    """Draw the angle of the front wheels, and as a dashed line the angle that was asked for."""
+    assert judged is not None
+    path, n = judged.drive.trajectory, len(judged)
+    reached = np.degrees(path.steering[:n])
+    asked = np.degrees(np.clip(path.steering_input[:n], -_MOST_ASKED, _MOST_ASKED))
+    most = 1.35 * max(float(np.abs(reached).max()), float(np.abs(asked).max()), 1.0)
+    axes.set_ylim(-most, most)
+    axes.yaxis.set_major_locator(MaxNLocator(3, steps=[1, 2, 5, 10]))
+    axes.axhline(0.0, color=FAINT, lw=0.8, zorder=1.3)
+    axes.plot(judged.distance, asked, color=QUIET, lw=1.1, dashes=(3.0, 2.0), zorder=2.5)
+    axes.plot(judged.distance, reached, color=_LINE_COLOUR, lw=1.4, zorder=3)
+
+
+def _draw_pedals(axes: Axes, _: Road, judged: JudgedDrive | None) -> None:
+    """Draw the throttle upwards and the brake downwards."""
+    assert judged is not None
+    path, n = judged.drive.trajectory, len(judged)
+    axes.set_ylim(-1.1, 1.1)
+    axes.set_yticks([-1.0, 0.0, 1.0], ["1", "0", "1"])
+    axes.axhline(0.0, color=FAINT, lw=0.8, zorder=1.3)
+    axes.fill_between(judged.distance, path.throttle[:n], color=_LINE_COLOUR, lw=0.0, alpha=0.6)
+    axes.fill_between(judged.distance, -path.brake[:n], color=ALARM, lw=0.0, alpha=0.6)
+    for share, text, va in ((0.95, "throttle", "top"), (0.05, "brake", "bottom")):
+        axes.text(1.004, share, text, size=7.5, color=QUIET, va=va, transform=axes.transAxes)
 
 
 def _draw_curvature(axes: Axes, road: Road, _: JudgedDrive | None) -> None:
@@ -195,5 +229,7 @@ _PROFILES: Final = (
     ),
     Profile("grade", "height (m), with the grade", 0.85, _draw_height),
     Profile("speed", "speed (km/h)", 0.85, _draw_speed),
+    Profile("steering", "steering (°), dashed: asked for; + is left", 0.85, _draw_steering),
+    Profile("pedals", "pedals", 0.6, _draw_pedals),
 )
 """All profiles, from top to bottom."""

@@ -27,9 +27,10 @@ from typing import Final, Literal, TypeAlias
 
 from frenetic.analysis.caution import caution
 from frenetic.analysis.clusters import Clusters, representative_failures
+from frenetic.analysis.explained import ExplainedCause, explained_causes
 from frenetic.campaign import Campaign, CampaignStore, Event, Summary, Test
 from frenetic.campaign.counts import Counts
-from frenetic.errors import CampaignError, FreneticError
+from frenetic.errors import CampaignError, CampaignGoneError, FreneticError
 from frenetic.processes.interrupt import plain_interrupts
 from frenetic.report.failures import FAILURES, GALLERY, write_failures
 from frenetic.report.html.campaign import write_report
@@ -41,6 +42,7 @@ from frenetic.report.minimised import (
     minimised_road,
     write_minimised,
 )
+from frenetic.rerun.cause_trials import examples_of, try_failures
 from frenetic.rerun.minimise import minimise_causes
 
 SLOW_DRIVE: Final = 0.5
@@ -106,6 +108,8 @@ class Results:
     summary: Summary | None
     """Counts and times of the search; None if it ended by an error."""
     findings: Findings
+    causes: tuple[ExplainedCause, ...] = ()
+    """The causes of the failures, with evidence and trials."""
     shortened: Mapping[int, Test] = field(default_factory=dict)
     """Id of a failing test -> drive on its shortened road."""
     notes: tuple[str, ...] = ()
@@ -120,10 +124,10 @@ class Results:
 class Step:
     """A step of the work after a search, which listeners are told."""
 
-    kind: Literal["shortening", "found", "drawing", "drawn", "reporting", "reported"]
+    kind: Literal["trying", "shortening", "found", "drawing", "drawn", "reporting", "reported"]
     """Kind of the step.
 
-    - ``shortening``, ``drawing``, ``reporting``: the work begins.
+    - ``trying``, ``shortening``, ``drawing``, ``reporting``: the work begins.
     - ``found``: causes and shortened roads are known.
     - ``drawn``, ``reported``: the pictures, or the report, are written.
     """
@@ -140,8 +144,8 @@ OnEvent: TypeAlias = Callable[[Event | Step], object]
 def run(campaign: Campaign, *, on_event: OnEvent | None = None) -> Results:
     """Run a campaign, and write everything that its user gets into its folder.
 
-    The folder gets a shortened failing road of each cause, files and pictures of the failures, and
-    the report.
+    The folder gets trials of the causes, a shortened failing road of each cause, files and pictures
+    of the failures, and the report.
 
     Args:
         campaign: the campaign; it needs a budget.
@@ -248,17 +252,18 @@ def _finish(campaign: Campaign, summary: Summary | None, emit: OnEvent) -> Resul
         notes = [findings.warning] if findings.warning else []
         results = Results(campaign.folder, summary, findings, notes=tuple(notes))
         if summary is not None and len(findings.clusters):
-            notes += _shorten(campaign, results, summary, emit)
+            notes += _examine(campaign, results, summary, emit)
+        causes = explained_causes(store, findings.clusters)
         shortened = minimised_drives(store, [test.id for test in findings.listed])
-        results = replace(results, shortened=shortened, notes=tuple(notes))
+        results = replace(results, causes=causes, shortened=shortened, notes=tuple(notes))
         emit(Step("found", results))
         return write_results(store, results, emit)
 
 
-def _shorten(
+def _examine(
     campaign: Campaign, results: Results, summary: Summary, emit: OnEvent
 ) -> Iterator[str]:
-    """Shorten roads if drives repeat and are fast enough; yield notes for the user."""
+    """Try causes and shorten roads if drives repeat and are fast enough; yield notes."""
     if summary.interrupted or summary.not_repeatable:
         return
     workers = campaign.workers
@@ -268,7 +273,16 @@ def _shorten(
         is_slow = summary.seconds * workers > SLOW_DRIVE * summary.simulations
     if is_slow:
         yield f"shorter roads for the same failures: {_minimise_command(campaign)}"
+        yield f"trials of their causes: {_trials_command(campaign)}"
         return
+    emit(Step("trying", results))
+    examples = examples_of(results.findings.clusters.causes)
+    try:
+        try_failures(campaign.folder, examples, campaign.tester, isolate=campaign.isolate)
+    except CampaignGoneError:
+        raise
+    except FreneticError as error:
+        yield f"causes were not tried: {error}"
     emit(Step("shortening", results, _shortening_seconds(summary)))
     yield from shorten_causes(campaign, results.findings, summary)
 
@@ -276,6 +290,11 @@ def _shorten(
 def _shortening_seconds(summary: Summary) -> float:
     """Return the wall time that shortening may take, in s."""
     return max(MIN_SHORTENING_TIME, summary.seconds / SHORTENING_DIVISOR)
+
+
+def _trials_command(campaign: Campaign) -> str:
+    """Return the command that tries the causes of a campaign's failures."""
+    return f"frenetic rerun {shlex.quote(str(campaign.folder))} --trials"
 
 
 def _minimise_command(campaign: Campaign) -> str:

@@ -9,6 +9,8 @@ from typing import Any, Final, TypeAlias
 
 import numpy as np
 
+from frenetic.oracle.outcome import Outcome
+from frenetic.oracle.verdict import Result
 from frenetic.segments.bends import place_text
 from frenetic.segments.causes import Kind, mistake_of
 from frenetic.segments.commands import MOST_STEERING
@@ -37,7 +39,7 @@ class Evidence:
     before: float
     """Time from there to the failure, in s."""
     steering_input: float
-    """Angle of the front wheels for which the driver asks, in rad: the one told in `text`."""
+    """Angle of the front wheels for which the driver asks, in rad, as in `text`."""
     needed_steering: float
     """Angle with which a car follows the road there, in rad, roughly."""
     speed: float
@@ -64,32 +66,45 @@ def evidence_of(segment: Segment) -> Evidence:
     cause, record = mistake_of(segment)
     departure = Departure.of(segment)
     record = min(record, len(departure.time) - 1)
-    told = _TOLD[cause.kind](departure, record)
+    account = _ACCOUNTS[cause.kind](departure, record)
     place = float(segment.assessment.distance[record])
-    text = told.text
-    needed = departure.needed_steering(told.record)
-    if told.asked is not None:
-        is_same_side = told.asked * needed > 0.0
+    text = account.text
+    needed = departure.needed_steering(account.record)
+    if account.asked is not None:
+        is_same_side = account.asked * needed > 0.0
         text += f" where the road needs {_steering(needed, with_side=not is_same_side)}"
     text += f", {place_text(segment.road.curvatures, segment.road.step, place)}"
     before = departure.before_end(record)
     if segment.side is not None:
         text += f", {before:.1f} s before it leaves"
-    speed = float(departure.speed[told.record])
+    speed = float(departure.speed[account.record])
     return Evidence(
         text=text,
         time=float(departure.time[record]),
         place=place,
         before=before,
-        steering_input=float(departure.steering_input[told.record]),
+        steering_input=float(departure.steering_input[account.record]),
         needed_steering=needed,
         speed=speed,
-        lateral_acceleration=speed**2 * abs(float(departure.curvature[told.record])),
+        lateral_acceleration=speed**2 * abs(float(departure.curvature[account.record])),
     )
 
 
+def evidence_of_result(segment: Segment | None, result: Result) -> Evidence | None:
+    """Return the evidence of a drive's failure.
+
+    There is none if the drive did not fail, if a fault of the driver ended it, if it exceeded
+    another criterion than the lane's edge, or if it has no records (then `segment` is None).
+    """
+    if segment is None or result.outcome is not Outcome.FAIL or result.fault is not None:
+        return None
+    if mistake_of(segment).cause.kind is Kind.EXCEEDS:
+        return None
+    return evidence_of(segment)
+
+
 @dataclass(frozen=True)
-class _Told:
+class _Account:
     """What a text tells first, and where its numbers are from."""
 
     text: str
@@ -99,7 +114,7 @@ class _Told:
     """Steering with which the text compares what the road needs, in rad; None for none."""
 
 
-_Tell: TypeAlias = Callable[[Departure, int], _Told]
+_Tell: TypeAlias = Callable[[Departure, int], _Account]
 
 
 def _largest(departure: Departure, record: int, values: Any) -> int:
@@ -116,15 +131,15 @@ def _steering(angle: float, *, with_side: bool = True) -> str:
     return f"{degrees}° to the {'left' if angle > 0.0 else 'right'}"
 
 
-def _tell_steering(departure: Departure, record: int) -> _Told:
+def _tell_steering(departure: Departure, record: int) -> _Account:
     """Tell the steering that differs most from what the road needs."""
     needed = np.arctan(departure.wheelbase * departure.curvature)
     most = _largest(departure, record, np.abs(departure.steering_input - needed))
     asked = float(departure.steering_input[most])
-    return _Told(f"steers {_steering(asked)}", most, asked)
+    return _Account(f"steers {_steering(asked)}", most, asked)
 
 
-def _tell_holding(departure: Departure, record: int) -> _Told:
+def _tell_holding(departure: Departure, record: int) -> _Account:
     """Tell for how long the steering is at its largest."""
     columns = departure.steering[record:], departure.steering_input[record:]
     times = departure.time[record:]
@@ -133,75 +148,80 @@ def _tell_holding(departure: Departure, record: int) -> _Told:
         largest = np.flatnonzero(np.abs(column) >= np.abs(column).max() - 1e-9)
         return float(times[largest[-1]] - times[largest[0]])
 
-    held = max(columns, key=seconds_of)
-    angle = float(held[np.argmax(np.abs(held))])
-    text = f"holds its steering at {_steering(angle)} for {seconds_of(held):.1f} s"
-    return _Told(text, _largest(departure, record, np.abs(departure.curvature)), angle)
+    longest = max(columns, key=seconds_of)
+    angle = float(longest[np.argmax(np.abs(longest))])
+    text = f"holds its steering at {_steering(angle)} for {seconds_of(longest):.1f} s"
+    return _Account(text, _largest(departure, record, np.abs(departure.curvature)), angle)
 
 
-def _tell_rate(departure: Departure, record: int) -> _Told:
+def _tell_rate(departure: Departure, record: int) -> _Account:
     """Tell the fastest rate of the steering."""
     times = np.maximum(np.diff(departure.time[record:]), 1e-6)
     rate = np.abs(np.diff(departure.steering_input[record:]) / times).max() * _DEGREES
     asked = float(departure.steering_input[record])
     text = f"turns its steering by {rate:.0f}° a second at most, is at {_steering(asked)}"
-    return _Told(text, record, asked)
+    return _Account(text, record, asked)
 
 
-def _tell_beyond(departure: Departure, record: int) -> _Told:
+def _tell_beyond(departure: Departure, record: int) -> _Account:
     """Tell the steering that is asked for, and what the front wheels reach."""
     most = _largest(departure, record, np.abs(departure.steering_input))
     asked = abs(float(departure.steering_input[most]))
     text = f"asks for {asked * _DEGREES:.0f}° of steering"
     if asked > MOST_STEERING:
         text += f" ({asked:.2g} rad: is it an angle in degrees?)"
-    return _Told(text, most)
+    return _Account(text, most)
 
 
-def _tell_pedals(departure: Departure, record: int) -> _Told:
+def _tell_pedals(departure: Departure, record: int) -> _Account:
     """Tell both pedals."""
     throttle, brake = departure.throttle[record], departure.brake[record]
-    return _Told(f"presses throttle {throttle:.1f} and brake {brake:.1f} at once", record)
+    return _Account(f"presses throttle {throttle:.1f} and brake {brake:.1f} at once", record)
 
 
-def _tell_swings(departure: Departure, record: int) -> _Told:
-    """Tell the swings about the lane's middle."""
-    offset = departure.offset[record:] * departure.sign  # positive to the left
-    crossings = np.flatnonzero(np.diff(np.signbit(offset))) + 1
-    peaks = [part[np.argmax(np.abs(part))] for part in np.split(offset, crossings)]
-    swings = [float(peak) for peak in peaks if abs(peak) > _LEAST_SWING][-_MOST_SWINGS:]
+def _tell_swings(departure: Departure, record: int) -> _Account:
+    """Tell the last swings about the lane's middle."""
+    swings = swings_of(departure)[-_MOST_SWINGS:]
     texts = [f"{abs(swing):.1f} m {'left' if swing > 0.0 else 'right'}" for swing in swings]
-    return _Told(f"swings {', then '.join(texts)} of the lane's middle", record)
+    return _Account(f"swings {', then '.join(texts)} of the lane's middle", record)
 
 
-def _tell_braking(departure: Departure, record: int) -> _Told:
+def swings_of(departure: Departure) -> list[float]:
+    """Return the farthest offset of each swing since the car was sound, in m; positive: left."""
+    offset = departure.sign * departure.offset[departure.last_sound :]
+    crossings = np.flatnonzero(np.diff(np.signbit(offset))) + 1
+    peaks = [float(part[np.argmax(np.abs(part))]) for part in np.split(offset, crossings)]
+    return [peak for peak in peaks if abs(peak) > _LEAST_SWING]
+
+
+def _tell_braking(departure: Departure, record: int) -> _Account:
     """Tell the speed in a bend, and the brake before it."""
     speed = _tell_speed(departure, record)
     brake = departure.mean_before(record, departure.brake)
-    return _Told(f"{speed.text}, with the brake at {brake:.1f}", speed.record)
+    return _Account(f"{speed.text}, with the brake at {brake:.1f}", speed.record)
 
 
-def _tell_accelerating(departure: Departure, record: int) -> _Told:
+def _tell_accelerating(departure: Departure, record: int) -> _Account:
     """Tell the speed in a bend, and the throttle before it."""
     speed = _tell_speed(departure, record)
     throttle = departure.mean_before(record, departure.throttle)
-    return _Told(f"{speed.text}, with the throttle at {throttle:.1f}", speed.record)
+    return _Account(f"{speed.text}, with the throttle at {throttle:.1f}", speed.record)
 
 
-def _tell_speed(departure: Departure, record: int) -> _Told:
+def _tell_speed(departure: Departure, record: int) -> _Account:
     """Tell the speed at the largest demand of the bend."""
     demand = departure.speed**2 * np.abs(departure.curvature)
     most = _largest(departure, record, demand)
     speed = departure.speed[most] * 3.6
-    return _Told(f"drives {speed:.0f} km/h, {demand[most]:.0f} m/s² across the road", most)
+    return _Account(f"drives {speed:.0f} km/h, {demand[most]:.0f} m/s² across the road", most)
 
 
-def _tell_standing(departure: Departure, record: int) -> _Told:
+def _tell_standing(departure: Departure, record: int) -> _Account:
     """Tell when the car last moved."""
-    return _Told(f"stands from {departure.time[record]:.0f} s after the start", record)
+    return _Account(f"stands from {departure.time[record]:.0f} s after the start", record)
 
 
-_TOLD: Final[Mapping[Kind, _Tell]] = MappingProxyType(
+_ACCOUNTS: Final[Mapping[Kind, _Tell]] = MappingProxyType(
     {
         Kind.WRONG_WAY: _tell_steering,
         Kind.CUTS: _tell_steering,

@@ -25,6 +25,7 @@ from frenetic.rerun.minimise import Minimised, minimise_causes
 from frenetic.road import Road
 from frenetic.road.files import entries_of, read_road
 from frenetic.segments.causes import as_text, cause_of
+from frenetic.segments.evidence import evidence_of_result
 from frenetic.segments.segment import segment_of
 from frenetic.spec import Spec
 
@@ -90,7 +91,7 @@ class LaneCheck:
                 raise FreneticError(f"the simulator broke on {path}: {result.reason}")
             if result.outcome is Outcome.FAIL:
                 self._draw(road, drive, path)
-                yield _failure_lines(_cause(road, drive, result), result, road, path)
+                yield _failure_lines(_cause(road, drive, result), result, road, drive, path)
 
     def _search(self, tester: RoadTester) -> str:
         """Search for failing roads, and return the message about them; empty if there are none."""
@@ -152,7 +153,9 @@ class LaneCheck:
                 remarks.insert(0, f"shortened from {test.road.length:.0f} m")
             path = self._remember(smallest, cause.words)
             words = f"{cause.words} ({cause.failures} of {clusters.failures})"
-            yield _failure_lines(words, smallest.result, smallest.road, path, "; ".join(remarks))
+            yield _failure_lines(
+                words, smallest.result, smallest.road, smallest.drive, path, "; ".join(remarks)
+            )
 
     def _remember(self, test: Test, cause: str) -> Path:
         """Write a test's road and the picture of its drive; return the path of the road's file.
@@ -211,7 +214,7 @@ class LaneCheck:
 
 
 def _failure_lines(
-    cause: str, result: Result, road: Road, path: Path, remark: str = ""
+    cause: str, result: Result, road: Road, drive: Drive | None, path: Path, remark: str = ""
 ) -> list[str]:
     """Return the lines of the message about one failure.
 
@@ -219,15 +222,16 @@ def _failure_lines(
         cause: what the driver did, after "The driver".
         result: result of the drive.
         road: the road.
+        drive: the drive; None if it has no records.
         path: path of the road's file.
         remark: a remark about the road; empty without one.
     """
     length = f"{road.length:.0f} m{f', {remark}' if remark else ''}"
-    lines = [
-        f"The driver {cause}",
-        f"  {result.reason}",
-        f"  road      {_relative_path(path)}, {length}",
-    ]
+    lines = [f"The driver {cause}", f"  {result.reason}"]
+    segment = segment_of(road, drive, result.finding) if drive and len(drive.trajectory) else None
+    if (evidence := evidence_of_result(segment, result)) is not None:
+        lines.append(f"  mistake   {evidence.text}")
+    lines.append(f"  road      {_relative_path(path)}, {length}")
     if (picture := path.with_suffix(".png")).exists():
         lines.append(f"  picture   {_relative_path(picture)}")
     return lines

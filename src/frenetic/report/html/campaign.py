@@ -40,7 +40,7 @@ from frenetic.report.html.tests import (
     table_of,
 )
 from frenetic.report.html.timeline import timeline_section
-from frenetic.rerun.reruns import in_other_simulators, own_repeats, read_reruns
+from frenetic.rerun.reruns import in_other_simulators, read_reruns
 
 FILMS: Final = "frenetic.films"
 """Group of entry points for functions that add films to drives.
@@ -144,9 +144,7 @@ def campaign_report(
         title=title,
         sections=(
             Section("summary", title, (headline(store, clusters, counts, trouble),)),
-            gallery_section(
-                shown_clusters, tests, drives, counts, own_repeats(reruns), elsewhere_reruns, config
-            ),
+            gallery_section(store, shown_clusters, tests, drives, counts, reruns),
             timeline_section(tests, clusters),
             *([] if coverage is None else [domain_section(coverage)]),
             *([] if swept is None else [sweep_section(swept, store.setting.lane_width)]),

@@ -7,34 +7,35 @@ from typing import Any
 
 from frenetic._support.words import capitalised, counted
 from frenetic.analysis.clusters import Clusters
+from frenetic.analysis.explained import ExplainedCause, explained_causes
 from frenetic.campaign.counts import Counts
+from frenetic.campaign.store import CampaignStore
 from frenetic.report.html.page import DataBlock, Section, Table
 from frenetic.report.html.tests import TestSummary
-from frenetic.rerun.reruns import Rerun, rerun_name
+from frenetic.rerun.reruns import Rerun, in_other_simulators, own_repeats, rerun_name
 from frenetic.rerun.stability import Repeats
 from frenetic.segments.causes import as_text
 
 
 def gallery_section(
+    store: CampaignStore,
     clusters: Clusters,
     tests: Sequence[TestSummary],
     drives: Sequence[Mapping[str, Any]],
     counts: Counts,
-    repeats: Iterable[Repeats],
-    reruns: Iterable[Rerun],
-    config: Mapping[str, Any],
+    reruns: Sequence[Rerun],
 ) -> Section:
     """Return the section with causes and pictures of failures, or nearest misses if nothing failed.
 
     Args:
+        store: the campaign.
         clusters: the distinct failures, or the nearest misses.
         tests: all tests of the campaign.
         drives: data of the drives in the page, see `drive_data`.
         counts: counts of all tests.
-        repeats: failures that were driven again with the same parts.
-        reruns: the reruns in other simulators.
-        config: configuration of the campaign.
+        reruns: the reruns of the campaign's tests.
     """
+    config = store.config
     data = _cluster_data(clusters, tests, {drive["id"] for drive in drives})
     elsewhere = [
         {
@@ -42,15 +43,16 @@ def gallery_section(
             "where": rerun_name(rerun, config),
             "text": f"{test.verdict}: {test.drives[0].reason}",
         }
-        for rerun in reruns
+        for rerun in in_other_simulators(reruns, config)
         for test in rerun.tests
     ]
     gallery = DataBlock(
         "gallery",
-        {"clusters": data, "repeats": _repeat_data(repeats), "elsewhere": elsewhere},
+        {"clusters": data, "repeats": _repeat_data(own_repeats(reruns)), "elsewhere": elsewhere},
     )
     if counts.failed:
-        blocks = (_causes(clusters, drives), gallery) if clusters.causes else (gallery,)
+        causes = explained_causes(store, clusters)
+        blocks = (_causes(causes, drives), gallery) if causes else (gallery,)
         return Section("failures", "Failures", blocks, _lead(clusters, counts.failures, data))
     lead = f"{capitalised(counts.broken_text) or 'No failure was found'}."
     if not data:
@@ -112,21 +114,24 @@ def _repeat_data(repeats: Iterable[Repeats]) -> list[dict[str, Any]]:
     ]
 
 
-def _causes(clusters: Clusters, drives: Sequence[Mapping[str, Any]]) -> Table:
+def _causes(causes: Sequence[ExplainedCause], drives: Sequence[Mapping[str, Any]]) -> Table:
     """Return the table of causes, each with an example that opens if its drive is in the page."""
     road_texts = {drive["id"]: _road_text(drive) for drive in drives}
     rows = tuple(
         (
-            capitalised(cause.words),
-            str(cause.failures),
-            str(len(cause.clusters)),
-            f"test {cause.example}{road_texts.get(cause.example, '')}",
+            capitalised(cause.group.words),
+            "" if cause.certainty is None else str(cause.certainty),
+            str(cause.group.failures),
+            str(len(cause.group.clusters)),
+            capitalised(cause.as_text()),
+            f"test {cause.group.example}{road_texts.get(cause.group.example, '')}",
         )
-        for cause in clusters.causes
+        for cause in causes
     )
-    examples = [cause.example for cause in clusters.causes]
+    examples = [cause.group.example for cause in causes]
     links = tuple(f"#test-{i}" if i in road_texts else None for i in examples)
-    return Table(("the driver", ">failures", ">distinct", "an example"), rows, links=links)
+    heads = ("the driver", "how sure", ">failures", ">distinct", "in an example", "the example")
+    return Table(heads, rows, links=links)
 
 
 def _road_text(drive: Mapping[str, Any]) -> str:

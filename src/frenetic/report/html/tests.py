@@ -25,6 +25,7 @@ from frenetic.road import Road, profile
 from frenetic.search.operator_names import OPERATOR_DESCRIPTIONS
 from frenetic.search.records import Origin
 from frenetic.search.road_families import FAMILIES
+from frenetic.segments.evidence import evidence_of_result
 from frenetic.segments.segment import Segment
 
 RATE: Final = 10.0
@@ -159,12 +160,13 @@ def drive_data(
     """
     happens = describe_drive(segment, result) if failure is None else describe(failure)
     drive, road, departure = segment.drive, segment.road, result.departure
-    car = drive.car
+    car, mistake = drive.car, evidence_of_result(segment, result)
     return {
         "id": id,
         "outcome": result.outcome,
         "reason": result.reason,
         "happens": happens,
+        "mistake": mistake and {"text": mistake.text, "time": round(mistake.time, 3)},
         "moobd": _rounded(result.moobd, 2),
         "moobd_distance": _rounded(result.moobd_distance, 2),
         "max_oob_share": _rounded(result.max_oob_share, 2),

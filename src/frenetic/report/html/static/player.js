@@ -453,6 +453,7 @@ function factsOf(drive) {
     ["Road", drive.road.words],
     ["Origin", drives.get(drive.id).origin],
   ];
+  if (drive.mistake !== null) facts.unshift(["First mistake", drive.mistake.text]);
   if (causes.has(drive.id)) facts.unshift(["Cause", causes.get(drive.id)]);
   const again = repeats.get(drive.id);
   if (again !== undefined) facts.push([`Driven again: ${again.stability}`, again.text]);
