@@ -456,7 +456,7 @@ def test_each_step_shows_its_time_and_the_last_line_the_total(
     assert re.fullmatch(r"Shortened: +\d+ failing roads? \(in 0:10\)", named["Shortened"])
     assert named["At a glance"].endswith("c/failures/gallery.png (in 0:10)")
     assert named["Report"].endswith("c/report.html (in 0:10)")
-    assert re.fullmatch(r"In all: +1:30", lines[-1])
+    assert re.fullmatch(r"In all: +1:40", lines[-1])
 
 
 def test_numbers_of_a_campaign_have_units_and_few_digits(frenetic: Frenetic) -> None:

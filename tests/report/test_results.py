@@ -63,7 +63,7 @@ def test_run_writes_the_same_files_as_the_command(frenetic: Command, tmp_path: P
     assert results.gallery.is_file()
     assert results.report == tmp_path / "library" / "report.html"
     steps = [event.kind for event in events if isinstance(event, Step)]
-    assert steps == ["shortening", "found", "drawing", "drawn", "reporting", "reported"]
+    assert steps == ["trying", "shortening", "found", "drawing", "drawn", "reporting", "reported"]
     searching = [event.kind for event in events if isinstance(event, Event)]
     assert searching == ["started", *["result"] * len(searching[1:])]
 

@@ -1,4 +1,4 @@
-"""A sound driver, and twelve drivers that each add one known fault to it."""
+"""A sound driver, and drivers that each add one known fault to it."""
 
 from __future__ import annotations
 
@@ -122,3 +122,85 @@ class Unrepeatable(Sound):
     def act(self, observation: Observation) -> Controls:
         controls = super().act(observation)
         return replace(controls, steering=controls.steering + self.noise.normal(0.0, 0.3))
+
+
+class WrongFeedForward(Sound):
+    """Steers by the curvature ahead, with the wrong sign where the road bends sharply."""
+
+    def reset(self, setup: DriveSetup) -> None:
+        super().reset(setup)
+        self.wheelbase = setup.wheelbase
+
+    def act(self, observation: Observation) -> Controls:
+        bends = observation.curvature_ahead
+        bend = float(bends[min(int(0.3 * observation.speed / SPACING), len(bends) - 1)])
+        bend = -bend if abs(bend) > 0.04 else bend
+        steering = math.atan(self.wheelbase * bend)
+        steering -= 0.08 * observation.lateral_offset + 0.6 * observation.heading_error
+        return replace(super().act(observation), steering=steering)
+
+
+class RateLimited(Sound):
+    """Turns its steering by 0.15 rad/s at most."""
+
+    def __init__(self) -> None:
+        super().__init__(lateral_acceleration=5.0)
+
+    def reset(self, setup: DriveSetup) -> None:
+        super().reset(setup)
+        self.steering = 0.0
+
+    def act(self, observation: Observation) -> Controls:
+        controls = super().act(observation)
+        change = float(np.clip(controls.steering - self.steering, -0.0075, 0.0075))
+        self.steering += change
+        return replace(controls, steering=self.steering)
+
+
+class WindUp(Sound):
+    """Adds the integral of its offset without a limit."""
+
+    def reset(self, setup: DriveSetup) -> None:
+        super().reset(setup)
+        self.integral = 0.0
+
+    def act(self, observation: Observation) -> Controls:
+        controls = super().act(observation)
+        self.integral += 0.05 * observation.lateral_offset
+        return replace(controls, steering=controls.steering - 0.25 * self.integral)
+
+
+class Degrees(Sound):
+    """Gives its steering in degrees."""
+
+    def act(self, observation: Observation) -> Controls:
+        controls = super().act(observation)
+        return replace(controls, steering=math.degrees(controls.steering))
+
+
+class LateSpeed(Sound):
+    """Sees the speed that its car had 1.5 s ago."""
+
+    def reset(self, setup: DriveSetup) -> None:
+        super().reset(setup)
+        self.speeds: list[float] = []
+
+    def act(self, observation: Observation) -> Controls:
+        self.speeds.append(observation.speed)
+        return super().act(replace(observation, speed=self.speeds[max(len(self.speeds) - 31, 0)]))
+
+
+class DeadBand(Sound):
+    """Does not steer by less than 0.07 rad."""
+
+    def act(self, observation: Observation) -> Controls:
+        controls = super().act(observation)
+        return controls if abs(controls.steering) > 0.07 else replace(controls, steering=0.0)
+
+
+class BothPedals(Sound):
+    """Presses the throttle by 0.6, and the brake by 0.3 at least."""
+
+    def act(self, observation: Observation) -> Controls:
+        controls = super().act(observation)
+        return replace(controls, throttle=0.6, brake=max(controls.brake, 0.3))

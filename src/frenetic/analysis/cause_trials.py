@@ -145,7 +145,7 @@ class TriedFailure:
         if not failing:
             return ""
         if not named:
-            return f"fails with each of {len(failing)} changes"
+            return f"fails in each of {len(self.failing())} trials"
         return f"fails also {_joined(named, 'and')}"
 
     def as_json(self) -> dict[str, JSONValue]:

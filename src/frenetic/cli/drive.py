@@ -368,7 +368,7 @@ def _print(
             ("conditions", as_text({**spec.amounts, **target.conditions})),
             *facts_of_drive(result, duration, target.road.lane_width),
             ("cause", document.get("cause", "")),
-            ("first mistake", document["evidence"]["text"] if "evidence" in document else ""),
+            ("mistake", document["evidence"]["text"] if "evidence" in document else ""),
             ("result", comparison),
             ("picture", document.get("plot", "")),
         ]

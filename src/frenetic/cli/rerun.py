@@ -80,15 +80,15 @@ def _variation(condition: NamedRange, tester: RoadTester) -> Variation:
     "--stability",
     "is_study",
     is_flag=True,
-    help="Drive failures as they were, with 2 % less grip and with 2 % more, and say how many fail"
-    " again and keep their cause.",
+    help="Drive failures again, also with 2 % less and more grip: how many fail, and how many keep"
+    " their cause.",
 )
 @click.option(
     "--trials",
     "are_trials",
     is_flag=True,
-    help="Drive a failure of each cause, or those with an ID, with one thing changed at a time:"
-    " slower, seen earlier, more grip and so on. So say how sure each cause is.",
+    help="Drive a failure of each cause, or each ID, with one thing changed at a time: how sure"
+    " is its cause?",
 )
 @part_options
 @trust_option

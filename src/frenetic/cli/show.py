@@ -482,7 +482,7 @@ def _show_test(store: CampaignStore, test_id: int, as_json: bool) -> None:
             ("outcome", f"{test.outcome}  {test.reason}"),
             ("origin", _origin_text(store, test)),
             ("cause", _cause_text(test)),
-            ("first mistake", "" if evidence is None else evidence.text),
+            ("mistake", "" if evidence is None else evidence.text),
             ("trials", _trials_text(store, test_id)),
             ("conditions", conditions_text({**_conditions(store), **own_conditions})),
             ("road", test.road.as_text()),
