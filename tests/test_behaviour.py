@@ -209,7 +209,7 @@ def probe_simulator(name: str) -> tuple[str, Numbers]:
 
 
 def probe_wrapper(row: Condition) -> tuple[str, Numbers]:
-    amount = 15.0 if row.no_effect == math.inf else 0.2
+    amount = 0.2 if row.no_effect != math.inf else min(15.0, row.high)
     if row.name in appearance.ALL:
         amount = 5.0 if row.name in ("scene", "rain") else amount
         seeing = row.wrapper_class().over(MarkingFollower(), amount)
