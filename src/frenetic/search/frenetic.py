@@ -79,10 +79,11 @@ _KNOWN_DIFFERENCE = 1.0  # [m] difference from the known failures up to which no
 class Frenetic(Strategy):
     """A `Strategy` that looks for failures unlike the known ones, for any driver.
 
-    1. *Scouting*, until a road fails: the first five roads are random, and ever fewer of the next
-       thirty, down to three in ten. They are of several families, see `road_families`; the nearer
-       a family's roads bring the car to failing, the more often it is drawn. The other roads are
-       children of the worst roads so far, or of those on which the car was turned most abruptly.
+    1. *Scouting*, until a road fails: the first eight roads are random, and ever fewer of the next
+       thirty, down to three in ten. Every other random road has independent values, and the rest
+       are of several families, see `road_families`; the nearer a family's roads bring the car to
+       failing, the more often it is drawn. The roads that are not random are children of the worst
+       roads so far, or of those on which the car was turned most abruptly.
        *Random phase*, once a road has failed: roads are random, until there are `random_roads`
        roads in all, or fewer if they take `random_budget` of the budget. Later one road in twenty
        is random. Now the families are drawn that bring new failures.
@@ -158,7 +159,7 @@ class Frenetic(Strategy):
 
     """
 
-    BEHAVIOUR: ClassVar[int] = 6
+    BEHAVIOUR: ClassVar[int] = 7
     """Version of the proposals, which campaigns record; increase it when they change."""
 
     def __init__(

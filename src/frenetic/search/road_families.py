@@ -13,6 +13,7 @@ family              its roads
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Callable, Mapping
 from types import MappingProxyType
 from typing import Final, TypeAlias
@@ -98,20 +99,28 @@ value and largest change of values in 1/m. The names are operators of an `Origin
 
 
 class FamilyChoice:
-    """Draws families: each once at first, then the more often the more its roads have brought."""
+    """Draws families: each once at first, then the more often the more its roads have brought.
+
+    Until a road fails, every other road has independent values: on such roads most drivers fail
+    sooner than on others, and without a near miss before, from which a search could learn.
+    """
 
     def __init__(self) -> None:
         self._names = list(FAMILIES)
-        self._chosen = 0  # number of choices
+        self._untried = deque(name for name in FAMILIES if name != INDEPENDENT)
+        self._scouted = 0  # number of choices before a road failed
         self._shares = SuccessShares(
             len(FAMILIES), roads=_ASSUMED_ROADS, successes=_ASSUMED_SUCCESSES, power=_POWER
         )
 
-    def choose(self, rng: np.random.Generator) -> str:
-        """Return the name of a family."""
-        self._chosen += 1
-        if self._chosen <= len(self._names):
-            return self._names[self._chosen - 1]
+    def choose(self, rng: np.random.Generator, *, has_failures: bool) -> str:
+        """Return the name of a family; `has_failures` says whether a road has failed."""
+        if not has_failures:
+            self._scouted += 1
+            if self._scouted % 2 == 1:
+                return INDEPENDENT
+        if self._untried:
+            return self._untried.popleft()
         return self._names[int(self._shares.draw(rng, 1)[0])]
 
     def learn(self, family: str, success: float) -> None:

@@ -14,7 +14,7 @@ from frenetic.search.records import Candidate, Evaluation
 from frenetic.search.road_families import FAMILIES, FamilyChoice
 
 # The values are our choice.
-_FIRST_ROADS = 5  # random roads before the first child
+_FIRST_ROADS = 8  # random roads before the first child
 _LEARNING_DRIVES = 30  # drives, after these, over which the share of random roads falls
 _RANDOM_SHARE = 0.3  # share of random roads to which it falls, while no failure is known
 _SHARP_RANDOM_SHARE = 0.5  # the same share among roads that may be sharper
@@ -85,7 +85,9 @@ class Scouting:
 
     def choose_family(self) -> str:
         """Return the family of the next random road."""
-        return RANDOM if self._families is None else self._families.choose(self._rng)
+        if self._families is None:
+            return RANDOM
+        return self._families.choose(self._rng, has_failures=self._archive.has_failures)
 
     def learn(self, candidate: Candidate, evaluation: Evaluation, novelty: float) -> None:
         """Learn a result: how new the failure was, 0 to 1, or how near to failing the car came."""
