@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from frenetic._support.arrays import FloatArray
-from frenetic.segments.departure import Departure, last_record
+from frenetic.segments.departure import Departure, last_record, stretches
 
 # The values are our choice.
 _BEFORE: Final = 1.5  # [s] before the last sound record in which a wrong command may begin
@@ -47,9 +47,10 @@ def beyond_the_car(departure: Departure) -> int | None:
 
 def both_pedals(time: FloatArray, throttle: FloatArray, brake: FloatArray) -> int | None:
     """Return where a driver begins to press both pedals at once, in the last such stretch."""
-    stretches = _stretches((throttle > _PEDAL) & (brake > _PEDAL))
-    long = [(first, last) for first, last in stretches if time[last] - time[first] >= _PEDALS_TIME]
-    return long[-1][0] if long else None
+    for first, last in reversed(stretches((throttle > _PEDAL) & (brake > _PEDAL))):
+        if time[last] - time[first] >= _PEDALS_TIME:
+            return first
+    return None
 
 
 def against_the_bend(departure: Departure) -> int | None:
@@ -62,13 +63,14 @@ def against_the_bend(departure: Departure) -> int | None:
     steering = departure.steering_input * sign  # positive into the bend
     is_against = (np.abs(departure.curvature) > _BEND) & (steering < -_STEERING_BACK)
     is_against &= inside * sign < _MOST_INSIDE
-    step = _records_in(departure.time, _CHANGE_TIME)
-    before = np.maximum(np.arange(len(sign)) - step, 0)
-    turned = (sign[before] == sign) & (departure.steering_input[before] * sign > 0.0)
     if departure.first_slide is not None:
         is_against[departure.first_slide :] = False  # a driver may catch a slide
     begin = _begin_of(departure, is_against, _AGAINST_TIME)
-    if begin is None or not turned[begin] or _swings_before(departure, begin) > _MOST_SWINGS:
+    if begin is None:
+        return None
+    before = max(begin - _records_in(departure.time, _CHANGE_TIME), 0)
+    has_turned = sign[before] == sign[begin] and departure.steering_input[before] * sign[begin] > 0
+    if not has_turned or _swings_before(departure, begin) > _MOST_SWINGS:
         return None
     return begin
 
@@ -95,7 +97,7 @@ def at_a_rate_limit(departure: Departure) -> int | None:
         return None
     is_fastest = rates >= fastest - _RATE_ROUNDING
     times = departure.time[first:]
-    longest = max((times[last + 1] - times[begin] for begin, last in _stretches(is_fastest)))
+    longest = max((times[last + 1] - times[begin] for begin, last in stretches(is_fastest)))
     if is_fastest.mean() < _RATE_SHARE or longest < _RATE_TIME:
         return None
     return first + int(np.argmax(is_fastest))
@@ -109,18 +111,14 @@ def _begin_of(departure: Departure, is_wrong: npt.NDArray[np.bool_], least: floa
         is_wrong: Whether the command is wrong, for each record.
         least: Least time for which it is, in s.
     """
+    if not is_wrong.any():
+        return None
     time, sound = departure.time, departure.time[departure.last_sound]
-    for first, last in _stretches(is_wrong):
+    for first, last in stretches(is_wrong):
         lasts = time[min(last + 1, len(time) - 1)] - time[first] >= least
         if lasts and sound - _BEFORE <= time[first] <= sound + _AFTER:
             return first
     return None
-
-
-def _stretches(condition: npt.NDArray[np.bool_]) -> list[tuple[int, int]]:
-    """Return the first and the last record of each stretch in which a condition holds."""
-    edges = np.flatnonzero(np.diff(np.concatenate(([False], condition, [False])).astype(np.int8)))
-    return [(int(first), int(end) - 1) for first, end in zip(edges[::2], edges[1::2], strict=True)]
 
 
 def _records_in(time: FloatArray, seconds: float) -> int:

@@ -144,17 +144,15 @@ class Departure:
     @cached_property
     def last_sound(self) -> int:
         """Last record in which the car was sound; 0 if there is none."""
-        line = min(
-            max(_LINE, float(np.quantile(np.abs(self.offset), _LINE_QUANTILE))), _FARTHEST_LINE
-        )
-        is_sound = (np.abs(self.offset) <= line) & (np.abs(self.lateral_speed) <= _ALONG_SPEED)
+        offsets = np.abs(self.offset)
+        usual = int(_LINE_QUANTILE * (len(offsets) - 1))
+        line = min(max(_LINE, float(np.partition(offsets, usual)[usual])), _FARTHEST_LINE)
+        is_sound = (offsets <= line) & (np.abs(self.lateral_speed) <= _ALONG_SPEED)
         # A car that swings through its lane's middle is not sound: it has to stay so for a while.
-        lasting, since = np.zeros_like(is_sound), self.time[0]
-        for i, sound in enumerate(is_sound):
-            if not sound:
-                since = self.time[min(i + 1, len(self.time) - 1)]
-            lasting[i] = sound and self.time[i] - since >= _SOUND_TIME
-        return last_record(lasting)
+        for first, last in reversed(stretches(is_sound)):
+            if self.time[last] - self.time[first] >= _SOUND_TIME:
+                return last
+        return 0
 
     def before_end(self, record: int) -> float:
         """Return the time from a record to the departure, in s."""
@@ -168,6 +166,14 @@ class Departure:
     def needed_steering(self, record: int) -> float:
         """Return the steering with which a car follows the road at a record, in rad, roughly."""
         return float(np.arctan(self.wheelbase * self.curvature[record]))
+
+
+def stretches(condition: npt.NDArray[np.bool_]) -> list[tuple[int, int]]:
+    """Return the first and the last record of each stretch in which a condition holds."""
+    padded = np.zeros(len(condition) + 2, dtype=np.bool_)
+    padded[1:-1] = condition
+    edges = np.flatnonzero(padded[1:] != padded[:-1]).tolist()
+    return [(first, end - 1) for first, end in zip(edges[::2], edges[1::2], strict=True)]
 
 
 def last_record(condition: npt.NDArray[np.bool_]) -> int:
