@@ -10,6 +10,8 @@ from frenetic.analysis.failures import Failure, failures_of
 from frenetic.analysis.groups import find_campaigns
 from frenetic.analysis.measures import MEASURES, Measure
 from frenetic.analysis.official_segment import competition_segment, failure_segment
+from frenetic.analysis.quality import QUALITY, DriveQuality, QualityMeasure, drive_quality
+from frenetic.analysis.quality_comparison import QualityComparison
 from frenetic.analysis.segments import segments_of
 from frenetic.analysis.spaces import SPACES, Space
 from frenetic.analysis.sparseness import unlike_lines
@@ -21,6 +23,7 @@ __all__ = [
     "CURVES",
     "FEATURES",
     "MEASURES",
+    "QUALITY",
     "SPACES",
     "CampaignMeasures",
     "Cluster",
@@ -28,9 +31,12 @@ __all__ = [
     "Comparison",
     "Curve",
     "DomainCoverage",
+    "DriveQuality",
     "Failure",
     "Features",
     "Measure",
+    "QualityComparison",
+    "QualityMeasure",
     "Segment",
     "Space",
     "SweepMap",
@@ -39,6 +45,7 @@ __all__ = [
     "compare",
     "competition_segment",
     "domain_coverage",
+    "drive_quality",
     "failure_segment",
     "failures_of",
     "features_of",
