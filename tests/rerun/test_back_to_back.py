@@ -26,6 +26,7 @@ from frenetic.rerun.back_to_back import (
     back_to_back,
     compare_versions,
 )
+from frenetic.rerun.disturbances import UNDISTURBED
 from frenetic.rerun.old_version import fresh_roads
 from frenetic.rerun.stability import Change
 from frenetic.search import Frenetic
@@ -43,7 +44,8 @@ def compare_planners(
     """Compare the planner with a calmer planner, or with ``new``."""
     new = options.pop("new", CALMER)
     simulator = simulator or EmbeddedSimulator()
-    return back_to_back(folder, simulator, Planner(), new, **{"fresh": FRESH, **options})
+    usual = {"fresh": FRESH, "quality": UNDISTURBED}
+    return back_to_back(folder, simulator, Planner(), new, **{**usual, **options})
 
 
 @pytest.fixture(scope="module")

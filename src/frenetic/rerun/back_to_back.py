@@ -4,7 +4,8 @@ Both drive on fresh random roads: the old version in a campaign of random search
 a rerun of that campaign. The verdict rests on these roads alone. The new version also drives the
 known roads, on which the old version failed in its campaign. Their results are only shown: the
 search chose these roads for failures of the old version, which therefore looks worse on them than
-it is (regression to the mean).
+it is (regression to the mean). Where both versions pass, `BackToBack.quality` says which drives
+better, also disturbed, see `frenetic.rerun.disturbances`.
 """
 
 from __future__ import annotations
@@ -20,18 +21,29 @@ from typing import Final, NamedTuple, Unpack
 from frenetic._support.json_value import JSONValue
 from frenetic._support.words import counted
 from frenetic.analysis.failures import Failure
+from frenetic.analysis.quality_comparison import BETTER, WORSE, QualityComparison
+from frenetic.analysis.quality_differences import PairedQuality
+from frenetic.analysis.quality_text import NO_DIFFERENCE
 from frenetic.analysis.statistics import ValueWithInterval, median_estimate, paired_share_difference
 from frenetic.campaign.record import Test
 from frenetic.campaign.store import CampaignStore
 from frenetic.campaign.tester import RoadTester
+from frenetic.conditions.condition import as_text as conditions_text
 from frenetic.conditions.domain import Domain
 from frenetic.drivers import Driver
 from frenetic.errors import CampaignError
 from frenetic.oracle.outcome import Outcome
 from frenetic.parts.records import comparison_key
 from frenetic.rerun.campaigns import DrivingOptions
+from frenetic.rerun.disturbances import (
+    QualityPlan,
+    disturbed_conditions,
+)
 from frenetic.rerun.old_version import DEFAULT_FRESH_ROADS, FreshRoads, fresh_roads
+from frenetic.rerun.quality import paired_quality, paired_tests
+from frenetic.rerun.replay import DriveConditions
 from frenetic.rerun.rerun import drive_tests
+from frenetic.rerun.reruns import Rerun, read_rerun
 from frenetic.rerun.stability import Change
 from frenetic.segments.causes import as_text
 from frenetic.simulators.simulator import Simulator
@@ -39,10 +51,8 @@ from frenetic.spec.part_text import part_text
 
 MIN_SLOWDOWN: Final = 0.01
 """Relative increase of the median time from which on a version counts as slower; our choice."""
-BETTER: Final = "new is better"
-"""Verdict on a new version that fails less often."""
-WORSE: Final = "new is worse"
-"""Verdict on a new version that fails more often."""
+_CANNOT_TELL: Final = "cannot tell"
+"""Verdict if no road was judged, or if the drives in which the simulator broke decide."""
 _HALVING_FACTOR: Final = 4
 """Factor on the number of roads that halves the interval, whose width goes with 1/sqrt(roads)."""
 
@@ -119,6 +129,10 @@ class BackToBack:
     """Domain of the roads and their conditions; None for the usual conditions."""
     missing: int = 0
     """Number of drives that Ctrl-C prevented."""
+    quality: QualityComparison | None = None
+    """How well both drive where both pass; None if drives are missing."""
+    on_own_roads: bool = False
+    """Whether `quality` is on the roads of the campaign, in place of the fresh roads."""
 
     @cached_property
     def difference(self) -> ValueWithInterval | None:
@@ -158,8 +172,8 @@ class BackToBack:
         differences = (self.difference, _failure_difference(with_errors))
         signs = {0 if difference is None else difference.sign for difference in differences}
         if len(signs) > 1 or self.difference is None:
-            return "cannot tell"
-        return {-1: BETTER, 0: "no difference shown", 1: WORSE}[signs.pop()]
+            return _CANNOT_TELL
+        return {-1: BETTER, 0: NO_DIFFERENCE, 1: WORSE}[signs.pop()]
 
     @property
     def answer(self) -> str:
@@ -172,7 +186,7 @@ class BackToBack:
         rates = f"(difference {value} points, 95 % interval {low} to {high})"
         roads = f"of {counted(len(self.fresh.judged), 'fresh road')}"
         if verdict not in (BETTER, WORSE):
-            if verdict == "cannot tell":
+            if verdict == _CANNOT_TELL:
                 verdict += " which is better, the drives in which the simulator broke decide"
             return f"{verdict}: {roads}, new fails on {new}, old on {old} {rates}"
         time = self.time_difference
@@ -180,6 +194,27 @@ class BackToBack:
             word = "but" if verdict == BETTER else "and"
             verdict += f" {word} {100.0 * time.value:.0f} % slower"
         return f"{verdict}: {roads}, it fails on {new}, old on {old} {rates}"
+
+    @property
+    def overall(self) -> str:
+        """Verdict on failures; if they show neither version to be better, the verdict on quality.
+
+        Failures come first: a version that drives smoothly until it leaves its lane is not better.
+        """
+        if self.verdict in (BETTER, WORSE) or self.quality is None:
+            return self.verdict
+        quality = self.quality.verdict
+        return self.verdict if quality == NO_DIFFERENCE else quality
+
+    @property
+    def sentences(self) -> tuple[str, ...]:
+        """Answer and the sentence on quality; what shows a difference comes first."""
+        if self.quality is None:
+            return (self.answer,)
+        has_failures_first = self.verdict in (BETTER, WORSE) or not self.quality.shown
+        if has_failures_first:
+            return self.answer, f"quality: {self.quality.sentence}"
+        return self.quality.sentence, f"failures: {self.answer}"
 
     @cached_property
     def causes(self) -> dict[str, tuple[int, int]]:
@@ -205,6 +240,11 @@ class BackToBack:
 
     def _notes(self) -> Iterator[str]:
         """Yield each limit of the answer."""
+        if self.on_own_roads:
+            yield (
+                "quality is compared on the campaign's own roads; if a search chose them, old looks"
+                " worse on them than it is"
+            )
         if self.known.pairs:
             yield (
                 "the answer rests on the fresh roads; failing roads were found by searching against"
@@ -219,7 +259,7 @@ class BackToBack:
                     f"the simulator broke in {counted(reasons.total(), 'drive')} with {version},"
                     f" which count as neither passed nor failed, most often: {reason}"
                 )
-        if self.verdict not in (BETTER, WORSE) and self.fresh.judged:
+        if self.overall in (NO_DIFFERENCE, _CANNOT_TELL) and self.fresh.judged:
             more = _HALVING_FACTOR * len(self.fresh.pairs)
             yield f"four times as many fresh roads, {more}, halve the interval"
 
@@ -239,6 +279,9 @@ class BackToBack:
             "fresh": self.fresh.as_json(),
             "known": self.known.as_json(),
             "causes": {cause: list(roads) for cause, roads in self.causes.items()},
+            "overall": self.overall,
+            "sentences": list(self.sentences),
+            "quality": None if self.quality is None else self.quality.as_json(),
         }
 
 
@@ -286,16 +329,79 @@ def compare_versions(
         domain = store.setting.domain
         failed = store.tests(Outcome.FAIL, with_repeats=False)
         failing = tuple(sorted(test.id for test in failed))
-    missing = roads.count - len(roads.tests)
-    paired_roads: list[PairedRoads] = []
-    for folder, ids in ((roads.folder, roads.tests), (roads.campaign, failing)):
-        # After Ctrl-C, which leaves drives missing, nothing more is driven.
-        repeats = () if missing else drive_tests(folder, tester, ids, options=options).tests
-        pairs = tuple(Pair(test.recorded, test.drives[0].test) for test in repeats)
-        paired_roads.append(PairedRoads(folder, pairs))
-        missing += len(ids) - len(repeats)
+    drives = _NewDrives(roads, tester, options)
+    paired_roads = [
+        PairedRoads(folder, drives.again(folder, ids))
+        for folder, ids in ((roads.folder, roads.tests), (roads.campaign, failing))
+    ]
     fresh, known = paired_roads
-    return BackToBack(roads.driver, new, simulator, roads.seed, fresh, known, domain, missing)
+    quality_pairs = fresh.pairs
+    if roads.quality_plan.on_own_roads:
+        quality_pairs = drives.again(*roads.quality_roads)
+    disturbed = drives.all_disturbed()
+    return BackToBack(
+        *(roads.driver, new, simulator, roads.seed, fresh, known, domain),
+        missing=drives.missing,
+        on_own_roads=roads.quality_plan.on_own_roads,
+        quality=None
+        if drives.missing
+        else QualityComparison([paired_quality(quality_pairs), *disturbed]),
+    )
+
+
+class _NewDrives:
+    """Drives of the new version on roads that the old version has driven.
+
+    After Ctrl-C, which leaves drives missing, nothing more is driven.
+    """
+
+    def __init__(self, roads: FreshRoads, tester: RoadTester, options: DrivingOptions) -> None:
+        self._roads = roads
+        self._tester = tester
+        self._options = options
+        self._quality_folder, self._quality_ids = roads.quality_roads
+        self._disturbances = tuple(roads.quality_plan.disturbances or ())
+        self._old = [read_rerun(folder, self._quality_folder) for folder in roads.disturbed]
+        driven = len(roads.tests) + sum(len(rerun.drives) for rerun in self._old)
+        planned = roads.count + roads.quality_count * len(self._disturbances)
+        self.missing = planned - driven
+        """Number of drives that Ctrl-C prevented."""
+
+    def again(self, folder: Path, ids: Sequence[int]) -> tuple[Pair, ...]:
+        """Return pairs of recorded drives and the new version's drives on the same roads."""
+        planned = self._roads.count if folder == self._roads.folder else len(ids)
+        rerun = self._drive(folder, ids, ({},), planned)
+        repeats = () if rerun is None else rerun.tests
+        return tuple(Pair(test.recorded, test.drives[0].test) for test in repeats)
+
+    def all_disturbed(self) -> list[PairedQuality]:
+        """Return the measures of both versions' drives in each disturbance."""
+        folder, ids = self._quality_folder, self._quality_ids
+        measured = []
+        for i, disturbance in enumerate(self._disturbances):
+            conditions = disturbed_conditions(folder, ids, disturbance)
+            new = self._drive(folder, ids, conditions, self._roads.quality_count)
+            pairs = paired_tests(self._old[i], new) if new is not None and ids else ()
+            measured.append(paired_quality(pairs, conditions_text(disturbance)))
+        return measured
+
+    def _drive(
+        self, folder: Path, ids: Sequence[int], conditions: DriveConditions, planned: int
+    ) -> Rerun | None:
+        """Return the drives on the roads of tests; None if earlier drives are missing.
+
+        Args:
+            folder: folder of the campaign that holds the roads.
+            ids: ids of the tests.
+            conditions: conditions of each drive, see `ReplayRoads`.
+            planned: number of drives in all.
+        """
+        if self.missing:
+            self.missing += planned
+            return None
+        rerun = drive_tests(folder, self._tester, ids, conditions, options=self._options)
+        self.missing = planned - len(rerun.drives)
+        return rerun
 
 
 def check_differ(old: Mapping[str, JSONValue], new: Mapping[str, JSONValue]) -> None:
@@ -322,6 +428,7 @@ def back_to_back(
     new: Driver,
     *,
     fresh: int = DEFAULT_FRESH_ROADS,
+    quality: QualityPlan | None = None,
     workers: int = 1,
 ) -> BackToBack:
     """Compare two versions of a driver on fresh random roads and on the old version's failures.
@@ -332,6 +439,8 @@ def back_to_back(
         old: old version, which drove in the campaign.
         new: new version.
         fresh: number of random roads.
+        quality: on which roads and in which disturbances both are compared where both pass; by
+            default on the random roads, in the usual disturbances.
         workers: number of roads driven at once.
 
     Raises:
@@ -342,5 +451,11 @@ def back_to_back(
         terms = store.setting.terms
     testers = [RoadTester(simulator, driver, terms) for driver in (old, new)]
     check_differ(*(tester.described["driver"] for tester in testers))
-    roads = fresh_roads(campaign, testers[0], fresh=fresh, workers=workers)
+    roads = fresh_roads(
+        campaign,
+        testers[0],
+        fresh=fresh,
+        quality_plan=(quality or QualityPlan()).resolved(testers[1]),
+        workers=workers,
+    )
     return compare_versions(roads, testers[1], workers=workers)

@@ -1,5 +1,7 @@
 """Drive the old version of a driver, as its campaign recorded it, on fresh random roads.
 
+It drives them in the campaign's conditions, and then disturbed.
+
 Two versions of one module never run in one process. So if the user has edited the driver since, its
 old version is made in a separate process, from the source that the campaign keeps.
 """
@@ -31,6 +33,7 @@ from frenetic.campaign.stored_spec import signed_spec
 from frenetic.campaign.summary import Event, EventKind, Progress, Summary
 from frenetic.campaign.tester import RoadTester
 from frenetic.errors import CampaignError
+from frenetic.oracle.outcome import Outcome
 from frenetic.parts.named_code import NOT_DRIVING, REGISTRIES
 from frenetic.parts.registry import DRIVERS, absolute_files
 from frenetic.parts.trust import require_trusted
@@ -46,6 +49,9 @@ from frenetic.rerun.campaigns import (
     driving_campaign,
     report_complete,
 )
+from frenetic.rerun.disturbances import UNDISTURBED, QualityPlan, disturbed_conditions
+from frenetic.rerun.replay import ReplayRoads
+from frenetic.rerun.rerun import drive_roads
 from frenetic.search import RandomSearch
 from frenetic.spec import Budget, Spec
 
@@ -71,6 +77,25 @@ class FreshRoads:
     """Old version, as `frenetic.spec.part_record.describe` records it."""
     tests: tuple[int, ...]
     """Ids of the driven tests in `folder`; Ctrl-C leaves fewer than `count`."""
+    quality_plan: QualityPlan = UNDISTURBED
+    """How both versions are compared where both pass."""
+    campaign_tests: tuple[int, ...] = ()
+    """Ids of the driven tests of the campaign's own roads."""
+    disturbed: tuple[Path, ...] = ()
+    """Folder of the old version's drives in each disturbance; Ctrl-C leaves fewer, and in the last
+    folder fewer drives."""
+
+    @property
+    def quality_roads(self) -> tuple[Path, tuple[int, ...]]:
+        """Folder and ids of the driven tests on whose roads quality is compared."""
+        if self.quality_plan.on_own_roads:
+            return self.campaign, self.campaign_tests
+        return self.folder, self.tests
+
+    @property
+    def quality_count(self) -> int:
+        """Planned number of roads on which quality is compared."""
+        return len(self.campaign_tests) if self.quality_plan.on_own_roads else self.count
 
 
 def fresh_roads(
@@ -78,6 +103,7 @@ def fresh_roads(
     tester: RoadTester,
     *,
     fresh: int = DEFAULT_FRESH_ROADS,
+    quality_plan: QualityPlan = UNDISTURBED,
     strategy_name: str | None = "random",
     **options: Unpack[DrivingOptions],
 ) -> FreshRoads:
@@ -89,6 +115,7 @@ def fresh_roads(
         campaign: folder of a campaign of the old version.
         tester: drives with the old version on the campaign's terms.
         fresh: number of roads.
+        quality_plan: in which disturbances it drives which roads again.
         strategy_name: name of the strategy in the recorded spec. None records no spec, so that
             nothing is signed.
         options: see `DrivingOptions`.
@@ -107,22 +134,52 @@ def fresh_roads(
     )
     if tester.spec is not None:
         tester = replace(tester, spec=structs.replace(tester.spec, seed=seed).with_budget(budget))
-    plan = DrivingPlan(
+    driving_plan = DrivingPlan(
         strategy,
         budget,
         identity=["fresh", seed],
         purpose={"fresh": True},
         strategy_name=strategy_name,
     )
-    driving, on_event = driving_campaign(campaign, plan, tester, options), options.get("on_event")
+    driving = driving_campaign(campaign, driving_plan, tester, options)
+    on_event = options.get("on_event")
     tests = _driven_tests(driving.folder)
     if len(tests) < fresh:
         drive_missing(driving, on_event)
     else:
         outcomes = Counter(test.outcome for test in tests[:fresh])
         report_complete(driving.folder, Counts.of(outcomes), on_event)
-    driver = tester.described["driver"]
-    return _read_fresh_roads(Path(campaign), driving.folder, fresh, seed, driver)
+    ids = tuple(test.id for test in _driven_tests(driving.folder)[:fresh])
+    roads = FreshRoads(
+        Path(campaign),
+        driving.folder,
+        fresh,
+        seed,
+        tester.described["driver"],
+        ids,
+        quality_plan,
+        campaign_tests(campaign),
+    )
+    return replace(roads, disturbed=tuple(_drive_disturbed(roads, tester, options)))
+
+
+def _drive_disturbed(
+    roads: FreshRoads, tester: RoadTester, options: DrivingOptions
+) -> Iterator[Path]:
+    """Let the old version drive fresh roads disturbed; yield the folder for each disturbance.
+
+    After Ctrl-C nothing more is driven.
+    """
+    folder, ids = roads.quality_roads
+    if len(roads.tests) < roads.count or not ids:
+        return
+    for disturbance in roads.quality_plan.disturbances or ():
+        conditions = disturbed_conditions(folder, ids, disturbance)
+        strategy = ReplayRoads(folder, ids, conditions)
+        disturbed = drive_roads(folder, tester, strategy, (), options)
+        yield disturbed
+        if len(_driven_tests(disturbed)) < len(ids):
+            return
 
 
 def recorded_driver(store: CampaignStore) -> Mapping[str, JSONValue]:
@@ -137,19 +194,12 @@ def _fresh_seed(store: CampaignStore) -> int:
     return next(seed for seed in count() if seed != used_seed)
 
 
-def _read_fresh_roads(
-    campaign: Path, folder: Path, fresh: int, seed: int, driver: Mapping[str, JSONValue]
-) -> FreshRoads:
-    """Return the fresh roads in a folder that were driven, at most ``fresh`` of them."""
-    ids = tuple(test.id for test in _driven_tests(folder)[:fresh])
-    return FreshRoads(campaign, folder, fresh, seed, driver, ids)
-
-
 def fresh_roads_as_recorded(
     campaign: Path | str,
     spec: Spec,
     *,
     fresh: int = DEFAULT_FRESH_ROADS,
+    quality_plan: QualityPlan = UNDISTURBED,
     is_trusted: bool = False,
     **options: Unpack[DrivingOptions],
 ) -> FreshRoads:
@@ -162,6 +212,7 @@ def fresh_roads_as_recorded(
         campaign: folder of the campaign.
         spec: spec of the campaign.
         fresh: number of roads.
+        quality_plan: in which disturbances the driver drives which roads again.
         is_trusted: whether the user trusts the campaign and the sources that it keeps.
         options: see `DrivingOptions`.
 
@@ -172,14 +223,18 @@ def fresh_roads_as_recorded(
     with as_recorded(campaign, spec, is_trusted=is_trusted) as old:
         recorded = old.spec
         if not DRIVERS.is_own(recorded.part("driver").name):
-            return fresh_roads(campaign, old.tester(), fresh=fresh, **options)
-        return _drive_in_process(old, fresh, options)
+            tester = old.tester()
+            return fresh_roads(campaign, tester, fresh=fresh, quality_plan=quality_plan, **options)
+        return _drive_in_process(old, fresh, quality_plan, options)
 
 
-def _drive_in_process(old: OldVersion, fresh: int, options: DrivingOptions) -> FreshRoads:
+def _drive_in_process(
+    old: OldVersion, fresh: int, quality_plan: QualityPlan, options: DrivingOptions
+) -> FreshRoads:
     """Let an old version drive fresh roads in a separate process, which Ctrl-C ends.
 
-    The process reports events, which are passed on, and answers with the campaign's folder.
+    The process reports events, which are passed on. Their folders are first the folder of the fresh
+    roads, then the folder of each disturbance.
 
     Raises:
         CampaignError: the process was lost, or its call raised an error.
@@ -187,7 +242,7 @@ def _drive_in_process(old: OldVersion, fresh: int, options: DrivingOptions) -> F
     on_event = options.get("on_event") or (lambda _: None)
     with CampaignStore.open(old.campaign) as store:
         seed, driver = _fresh_seed(store), recorded_driver(store)
-    summary, folder = Summary(), old.campaign
+    summary, folders = Summary(), dict[Path, None]()
     worker = ObjectProcess("the old version", pack(old), files=())
 
     def on_interrupt() -> None:
@@ -198,26 +253,28 @@ def _drive_in_process(old: OldVersion, fresh: int, options: DrivingOptions) -> F
             worker.start()
             workers, isolate = options.get("workers", 1), options.get("isolate", False)
             worker.send(
-                *("drive", fresh, workers, isolate),
+                *("drive", fresh, quality_plan, workers, isolate),
                 limit=math.inf,
-                answer=str,
                 report=tuple[EventKind, Progress],
             )
             while len(worker) and not interrupt.requested:  # its answer is awaited
                 for _ in ready([worker], _INTERRUPT_POLL_INTERVAL):
-                    for message in filter(None, worker.receive()):
-                        if isinstance(message, str):
-                            folder = Path(message)
-                            continue
-                        kind, progress = message
+                    for kind, progress in filter(None, worker.receive()):
                         summary = progress.summary()
-                        folder = summary.folder
+                        folders[summary.folder] = None
                         on_event(Event(kind, summary))
         except LostProcessError as error:
             raise CampaignError(f"the old version did not drive: {error}") from None
         finally:
             worker.kill()
-    return _read_fresh_roads(old.campaign, folder, fresh, seed, driver)
+    folder, *disturbed = folders or [old.campaign]  # nothing was driven: see the ids
+    ids = tuple(test.id for test in _driven_tests(folder)[:fresh]) if folders else ()
+    return FreshRoads(
+        *(old.campaign, folder, fresh, seed, driver, ids),
+        quality_plan=quality_plan,
+        campaign_tests=campaign_tests(old.campaign),
+        disturbed=tuple(disturbed),
+    )
 
 
 @dataclass(frozen=True)
@@ -245,16 +302,14 @@ class OldVersion:
         with CampaignStore.open(self.campaign) as store, chdir(self.sources or self.code_folder):
             return RoadTester.of(self.spec, store.setting.terms)
 
-    def drive(self, fresh: int, workers: int, isolate: bool) -> str:
+    def drive(self, fresh: int, quality_plan: QualityPlan, workers: int, isolate: bool) -> None:
         """Drive fresh roads and report events.
 
         Args:
             fresh: number of roads.
+            quality_plan: in which disturbances the driver drives which roads again.
             workers: see `DrivingOptions`.
             isolate: see `DrivingOptions`.
-
-        Returns:
-            Folder of the campaign that drove the roads.
         """
 
         def on_event(event: Event) -> None:
@@ -262,19 +317,26 @@ class OldVersion:
 
         # A spec is signed as trusted. That must not outlive sources in a temporary folder, so a
         # campaign of such sources records no spec.
-        roads = fresh_roads(
+        fresh_roads(
             self.campaign,
             self.tester(),
             fresh=fresh,
+            quality_plan=quality_plan,
             strategy_name="random" if self.sources is None else None,
             workers=workers,
             isolate=isolate,
             on_event=on_event,
         )
-        return str(roads.folder)
 
     def close(self) -> None:
         """Do nothing: an old version holds nothing open."""
+
+
+def campaign_tests(campaign: Path | str) -> tuple[int, ...]:
+    """Return the ids of a campaign's tests that were judged, without repeated roads."""
+    with CampaignStore.open(campaign) as store:
+        tests = [*store.tests(Outcome.PASS), *store.tests(Outcome.FAIL, with_repeats=False)]
+    return tuple(sorted(test.id for test in tests))
 
 
 def _driven_tests(folder: Path) -> list[Test]:

@@ -218,18 +218,39 @@ def drive_tests(
             `frenetic.rerun.campaigns.driving_campaign`.
         ValueError: an option is out of range.
     """
-    tests = list(dict.fromkeys(tests))
-    strategy = ReplayRoads(folder, tests, conditions, instead)
-    simulator = tester.simulator
-    if not tests:
+    strategy = ReplayRoads(folder, dict.fromkeys(tests), conditions, instead)
+    if not len(strategy):
         return Rerun(
             Path(folder).resolve().name,
             tester.described["driver"],
             tester.described["simulator"],
-            simulator.rules,
+            tester.simulator.rules,
             planned=0,
             tests=(),
         )
+    return read_rerun(drive_roads(folder, tester, strategy, variations, options), folder)
+
+
+def drive_roads(
+    folder: Path | str,
+    tester: RoadTester,
+    strategy: ReplayRoads,
+    variations: Sequence[Variation],
+    options: DrivingOptions,
+) -> Path:
+    """Drive roads of a campaign again, and return the folder of the drives without reading them.
+
+    Args:
+        folder: folder of the campaign.
+        tester: drives the roads.
+        strategy: proposes one road or more of the campaign.
+        variations: ranges from which the conditions were drawn, which are only recorded.
+        options: see `DrivingOptions`.
+
+    Raises:
+        CampaignError: see `frenetic.rerun.campaigns.driving_campaign`.
+        ValueError: an option is out of range.
+    """
     plan = DrivingPlan(
         strategy,
         Budget(simulations=len(strategy)),
@@ -238,4 +259,4 @@ def drive_tests(
     )
     campaign = driving_campaign(folder, plan, tester, options)
     drive_missing(campaign, options.get("on_event"))
-    return read_rerun(campaign.folder, folder)
+    return campaign.folder
