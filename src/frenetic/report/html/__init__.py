@@ -30,6 +30,7 @@ from frenetic.report.html.page import (
     render,
     write_page,
 )
+from frenetic.report.html.quality import write_quality_page
 
 __all__ = [
     "REPORT",
@@ -45,5 +46,6 @@ __all__ = [
     "render",
     "write_comparison_page",
     "write_page",
+    "write_quality_page",
     "write_report",
 ]
