@@ -57,6 +57,7 @@ CALLS: Final = {
     "compare one=c two=d": "about groups measures notes order",
     "compare c --driver aggression=0.9 --fresh 2": (
         "answer verdict difference time_difference old new fresh known causes notes seed domain"
+        " overall sentences quality"
     ),
     "drive bend.json": (
         "road outcome reason moobd moobd_distance max_oob_share duration distance length findings"
@@ -185,7 +186,15 @@ MISTAKES: Final = [
     ("compare a=c b=d --out nowhere/a.html", "cannot be written"),
     ("compare c --driver planner", "both versions are the same"),
     ("compare c d --driver stanley", "with one campaign's driver: name one campaign only"),
-    ("compare c --driver stanley --out p.html", "leave out --out"),
+    ("compare c --driver stanley --out p.png", "p.png must end with .html"),
+    ("compare c --driver stanley --out nowhere/a.html", "cannot be written"),
+    ("compare c --driver stanley --disturb noise", "'noise' is not NAME=AMOUNT", "nor none"),
+    ("compare c --driver stanley --disturb nose=1", "unknown condition 'nose'", "noise"),
+    ("compare c --driver stanley --disturb noise=-1", "noise is -1: 0 to 10 m is needed"),
+    ("compare c --driver stanley --disturb noise=nan", "noise is nan"),
+    ("compare c --driver stanley --disturb gust=1,gust=2", "gust is there twice"),
+    ("compare c --driver stanley --disturb gust_at=9", "gust_at is drawn for each road"),
+    ("compare c d --disturb gust=1", "--disturb is for a new version of a driver"),
     ("compare c d --fresh 3", "--fresh is for a new version of a driver: add --driver"),
     ("drive nowhere.json --plot no/such/p.png", "--plot", "there is no folder no/such"),
     ("drive straight.json --dry --plot p.png", "--plot draws one drive"),

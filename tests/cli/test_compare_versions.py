@@ -39,9 +39,10 @@ def _night(frenetic: Frenetic, old_campaign: Path) -> None:
 def test_the_first_line_says_which_version_is_better(frenetic: Frenetic) -> None:
     answer = frenetic("compare", "night", "--driver", NEW, *FEW)
     assert answer.code == 0
-    first, old, new, *_ = answer.out.splitlines()
+    first, quality, old, new, *_ = answer.out.splitlines()
     assert first.startswith("new is better but ")
     assert "slower: of 20 fresh roads, it fails on " in first
+    assert quality.startswith("quality: ")
     assert old.startswith(f"old: {OLD} (")
     assert new.startswith(f"new: {NEW} (")
     assert "old's failing roads" in answer.out
@@ -122,7 +123,7 @@ def test_progress_never_exceeds_its_total(
     for fresh, stop in ((20, 3), (20, 2), (20, 0), (8, 0), (8, 0)):
         shown.clear()
         frenetic("compare", "night", "--driver", stopping_driver(stop), "--fresh", str(fresh))
-        total = 2 * fresh + failing
+        total = 3 * 2 * fresh + failing  # undisturbed, with noise, with gusts
         assert {whole for _, whole in shown} == {total}
         done = [drives for drives, _ in shown]
         assert done == sorted(done)
@@ -159,3 +160,46 @@ def test_the_file_of_the_new_version_may_be_a_campaigns_file(frenetic: Frenetic)
     ]
     assert answers[0] == answers[1]
     assert f"new: {NEW} (" in answers[0]
+
+
+SLACK = "stanley,offset_gain=0.3,yaw_damping=0"
+"""A driver that passes as Stanley's law does, and sways as soon as noise disturbs it."""
+
+
+@pytest.fixture
+def rural(frenetic: Frenetic) -> str:
+    """A campaign of Stanley's law on country roads."""
+    search = ("--strategy", "random", "--roads", "rural-80", "--simulations", "1", "--seed", "1")
+    assert frenetic("run", "--driver", "stanley", *search, "--out", "rural").code == 0
+    return "rural"
+
+
+def test_the_first_line_says_which_version_drives_better_where_both_pass(
+    frenetic: Frenetic, rural: str
+) -> None:
+    command = ("compare", rural, "--driver", SLACK, "--fresh", "24", "--disturb", "noise=0.1")
+    answer = frenetic(*command, "--out", "quality.html")
+    assert answer.code == 1
+    first, second, *_ = answer.out.splitlines()
+    assert first.startswith("with noise 0.1 m, new crosses the edge of its lane on ")
+    assert second.startswith("failures: no difference shown: of 24 fresh roads, ")
+    assert "Quality, on roads that both pass" in answer.out
+    assert answer.out.splitlines()[-1] == "quality.html"
+    page = Path("quality.html").read_text(encoding="utf-8")
+    assert first.removeprefix("with") in page
+    document = frenetic(*command, "--json").json
+    assert document["sentences"] == [first, second]
+    assert document["overall"] == "new is worse"
+    quiet = frenetic(*command[:-1], "none", "--json")
+    assert quiet.code == 3
+    assert [drives["conditions"] for drives in quiet.json["quality"]["drives"]] == [""]
+
+
+def test_several_conditions_may_disturb_at_once(frenetic: Frenetic) -> None:
+    comparison = ("compare", "night", "--driver", NEW, "--fresh", "4", "--json")
+    disturbed = frenetic(*comparison, "--disturb", "noise=0.1,gust=-5", "--disturb", "load=200")
+    assert [drives["conditions"] for drives in disturbed.json["quality"]["drives"]] == [
+        "",
+        "noise 0.1 m, gust -5 m/s",
+        "load 200 kg",
+    ]

@@ -15,7 +15,12 @@ from rich.markup import escape
 
 from frenetic.cli import echo
 from frenetic.cli.command_options import CommandOptions
-from frenetic.cli.compare_versions import compare_versions
+from frenetic.cli.compare_versions import (
+    VersionsOptions,
+    compare_versions,
+    disturb_option,
+    own_roads_option,
+)
 from frenetic.cli.console import Log, print_table
 from frenetic.cli.entries import as_option, entry_option, trust_option, was_given
 from frenetic.cli.option_types import NewFile
@@ -27,8 +32,18 @@ if TYPE_CHECKING:
 
 _WILDCARDS: Final = "*?["
 """Signs that stand for parts of a folder's name."""
-_SUFFIXES: Final = (".html", ".png", ".svg", ".pdf")
-"""Suffixes of files that `compare` can write."""
+_PAGE: Final = (".html",)
+"""Suffixes of files that a comparison of two versions can write."""
+_SUFFIXES: Final = (*_PAGE, ".png", ".svg", ".pdf")
+"""Suffixes of files that a comparison of groups can write."""
+_NEW_DRIVER_OPTIONS: Final = {
+    "fresh": "fresh",
+    "disturb": "disturb",
+    "on_own_roads": "own-roads",
+    "workers": "workers",
+    "is_trusted": "trust",
+}
+"""Parameter -> name of its option, which is for a new version of a driver only."""
 _MAX_GROUPS_ACROSS: Final = 3
 """Largest number of groups that are columns of a table; more groups are rows (our choice)."""
 _MAX_MEASURES_ACROSS: Final = 4
@@ -47,6 +62,8 @@ _MAX_MEASURES_ACROSS: Final = 4
 @as_option
 @trust_option
 @count_option("--fresh", "Fresh random roads on which both versions drive.", default=200)
+@disturb_option
+@own_roads_option
 @workers_option
 @json_option
 @click.pass_context
@@ -56,8 +73,6 @@ def compare(
     places: tuple[str, ...],
     out: tuple[Path, ...],
     as_json: bool,
-    fresh: int,
-    workers: int,
     **_: Any,
 ) -> None:
     """Compare what the searches of groups of campaigns found, or two versions of a driver.
@@ -72,26 +87,25 @@ def compare(
 
     With --driver or --as it says instead whether that driver beats the campaign's driver. Both
     drive on fresh random roads (of the campaign's domain, if it has one), which decide the answer,
-    and on the roads on which the campaign failed. After Ctrl-C the same command continues. The exit
-    code is 0 if the new driver is better, 1 if it is worse, 3 if the drives show neither.
+    and on the roads on which the campaign failed. Where both pass, it says which keeps its lane
+    better, steers less and is more comfortable, also with noise and gusts. After Ctrl-C the same
+    command continues. The exit code is 0 if the new driver is better, 1 if it is worse, 3 if the
+    drives show neither.
     """
     from frenetic.analysis.comparison import compare as compare_groups
 
     if new_driver := CommandOptions.of(context):
-        if out or len(places) > 1:
-            remedy = "leave out --out" if out else "name one campaign only"
+        if len(places) > 1:
             raise click.UsageError(
-                f"--driver and --as compare a new driver with one campaign's driver: {remedy}"
+                "--driver and --as compare a new driver with one campaign's driver: name one"
+                " campaign only"
             )
-        folder = Path(places[0])
-        compare_versions(folder, new_driver, fresh=fresh, workers=workers, as_json=as_json)
-    new_driver_options = {"fresh": "fresh", "workers": "workers", "is_trusted": "trust"}
-    for parameter, option in new_driver_options.items():
+        check_suffixes(out, _PAGE)
+        compare_versions(Path(places[0]), new_driver, VersionsOptions.of(context))
+    for parameter, option in _NEW_DRIVER_OPTIONS.items():
         if was_given(context, parameter):
             raise click.UsageError(f"--{option} is for a new version of a driver: add --driver")
-    for path in out:
-        if path.suffix.lower() not in _SUFFIXES:
-            raise click.UsageError(f"{path} must end with one of {', '.join(_SUFFIXES)}")
+    check_suffixes(out, _SUFFIXES)
     log = Log()
     with log.status("Reading the campaigns"):
         comparison = compare_groups(grouped(places))
@@ -105,6 +119,18 @@ def compare(
     print_comparison(comparison)
     for path in out:
         echo(path)
+
+
+def check_suffixes(paths: Sequence[Path], suffixes: Sequence[str]) -> None:
+    """Check that the names of files say in which format they are written.
+
+    Raises:
+        click.UsageError: a name ends in none of the suffixes.
+    """
+    for path in paths:
+        if path.suffix.lower() not in suffixes:
+            one_of = "" if len(suffixes) == 1 else "one of "
+            raise click.UsageError(f"{path} must end with {one_of}{', '.join(suffixes)}")
 
 
 def _write(comparison: Comparison, path: Path, places: Sequence[str]) -> None:

@@ -6,7 +6,7 @@ import json
 from contextlib import chdir
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final, NoReturn
+from typing import TYPE_CHECKING, Any, Final, NoReturn, Self
 
 import click
 from msgspec import structs
@@ -15,16 +15,100 @@ from frenetic._support.option_text import part_word
 from frenetic._support.words import counted
 from frenetic.cli import echo
 from frenetic.cli.command_options import CommandOptions
-from frenetic.cli.console import Log, print_table, shell
+from frenetic.cli.console import Log, print_table, shell, this_command
+from frenetic.cli.entries import was_given
+from frenetic.cli.option_types import ParsedText
 from frenetic.cli.rerun_options import campaign_source, interrupted, shown_driving
 from frenetic.errors import CampaignError, FreneticError
 from frenetic.spec import Spec
 
 if TYPE_CHECKING:
     from frenetic.rerun.back_to_back import BackToBack
+    from frenetic.rerun.disturbances import Disturbance, QualityPlan
 
+_NOT_DISTURBED: Final = "none"
+"""Value of ``--disturb`` for no disturbed drives."""
 _NO_DIFFERENCE_SHOWN: Final = 3
 """Exit code if the drives show neither driver to be better."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class VersionsOptions:
+    """Options of the command that compares two versions of a driver."""
+
+    fresh: int
+    """Number of fresh random roads."""
+    quality: QualityPlan
+    """Roads and disturbances of the comparison where both pass."""
+    workers: int
+    """Number of roads driven at once."""
+    as_json: bool
+    """Whether the result is printed as JSON."""
+    out: tuple[Path, ...]
+    """Pages to write."""
+
+    @classmethod
+    def of(cls, context: click.Context) -> Self:
+        """Return the options of a command line."""
+        from frenetic.rerun.disturbances import QualityPlan
+
+        options = context.params
+        return cls(
+            fresh=options["fresh"],
+            quality=QualityPlan(
+                options["disturb"] if was_given(context, "disturb") else None,
+                options["on_own_roads"],
+            ),
+            workers=options["workers"],
+            as_json=options["as_json"],
+            out=options["out"],
+        )
+
+
+def _read_disturbance(text: str) -> Disturbance:
+    """Return the disturbance of NAME=AMOUNT[,NAME=AMOUNT...]; empty for none.
+
+    Raises:
+        FreneticError: no condition has one of the names.
+        ValueError: the text has another form, or an amount is not allowed.
+    """
+    from frenetic.rerun.disturbances import check_disturbances
+
+    if text == _NOT_DISTURBED:
+        return {}
+    disturbance: dict[str, float] = {}
+    for part in text.split(","):
+        name, _, amount_text = (word.strip() for word in part.partition("="))
+        try:
+            amount = float(amount_text)
+        except ValueError:
+            raise ValueError(
+                f"{text!r} is not NAME=AMOUNT[,NAME=AMOUNT...], as in noise=0.1, nor"
+                f" {_NOT_DISTURBED}"
+            ) from None
+        if name in disturbance:
+            raise ValueError(f"{name} is there twice")
+        disturbance[name] = amount
+    check_disturbances([disturbance])
+    return disturbance
+
+
+disturb_option: Final = click.option(
+    "--disturb",
+    type=ParsedText("name=amount", _read_disturbance),
+    metavar="NAME=AMOUNT",
+    multiple=True,
+    help="Drive the fresh roads also with a condition, or with several, noise=0.1,gust=10; may be"
+    " repeated; 'none' for no such drives. [default: noise=0.1 and, on its own, gust=10]",
+)
+"""Option for the disturbances in which both versions drive."""
+own_roads_option: Final = click.option(
+    "--own-roads",
+    "on_own_roads",
+    is_flag=True,
+    help="Compare the quality on the campaign's own roads, not on the fresh ones.",
+)
+"""Option for the roads on which quality is compared."""
 
 
 @dataclass(frozen=True)
@@ -38,30 +122,34 @@ class _Versions:
 
 
 def compare_versions(
-    folder: Path, options: CommandOptions, *, fresh: int, workers: int, as_json: bool
+    folder: Path, new_driver: CommandOptions, options: VersionsOptions
 ) -> NoReturn:
     """Print whether a new driver is better than a campaign's driver, and end the command.
 
     Args:
         folder: folder of the campaign.
-        options: the options ``--driver`` and ``--as``.
-        fresh: number of fresh random roads.
-        workers: number of roads driven at once.
-        as_json: whether to print the result as JSON.
+        new_driver: the options ``--driver``, ``--as`` and ``--trust``.
+        options: the other options.
 
     Raises:
         click.exceptions.Exit: always, with the exit code that says which driver is better.
     """
-    from frenetic.rerun.back_to_back import BETTER, WORSE
+    from frenetic.analysis.quality_comparison import BETTER, WORSE
 
-    versions = _versions(folder, options)
-    result = _drive_both(folder, versions, workers, fresh=fresh, is_trusted=options.is_trusted)
-    if as_json:
+    versions = _versions(folder, new_driver)
+    result = _drive_both(folder, versions, options, is_trusted=new_driver.is_trusted)
+    for path in options.out:
+        from frenetic.report.html.quality import write_quality_page
+
+        write_quality_page(result, path, command=str(this_command()))
+    if options.as_json:
         echo(json.dumps(result.as_json()))
     else:
         _print(result, versions)
+        for path in options.out:
+            echo(path)
     exit_codes = {BETTER: 0, WORSE: 1}
-    raise click.exceptions.Exit(exit_codes.get(result.verdict, _NO_DIFFERENCE_SHOWN))
+    raise click.exceptions.Exit(exit_codes.get(result.overall, _NO_DIFFERENCE_SHOWN))
 
 
 def _versions(folder: Path, options: CommandOptions) -> _Versions:
@@ -118,38 +206,51 @@ def _new_driver(folder: Path, old: Spec, options: CommandOptions) -> str | None:
 
 
 def _drive_both(
-    folder: Path, versions: _Versions, workers: int, *, fresh: int, is_trusted: bool
+    folder: Path, versions: _Versions, options: VersionsOptions, *, is_trusted: bool
 ) -> BackToBack:
     """Drive both versions on fresh roads and on the roads on which the old version failed.
 
     Args:
         folder: folder of the campaign.
         versions: specs of both versions.
-        workers: number of roads driven at once.
-        fresh: number of fresh random roads.
+        options: options of the command.
         is_trusted: whether the command line has ``--trust``.
 
     Raises:
         click.exceptions.Exit: drives are left after Ctrl-C.
-        FreneticError: both versions are the same.
+        FreneticError: both versions are the same, or cannot have a disturbance.
     """
     from frenetic.campaign import CampaignStore, RoadTester
     from frenetic.rerun.back_to_back import check_differ
     from frenetic.rerun.back_to_back import compare_versions as compared
-    from frenetic.rerun.old_version import fresh_roads_as_recorded, recorded_driver
+    from frenetic.rerun.old_version import (
+        campaign_tests,
+        fresh_roads_as_recorded,
+        recorded_driver,
+    )
 
-    log = Log()
+    log, fresh = Log(), options.fresh
     with CampaignStore.open(folder) as store:
-        drives = 2 * fresh + store.counts().failed
+        failed = store.counts().failed
         recorded, terms = recorded_driver(store), store.setting.terms
     # The new version is made first, so that a mistake in it shows before the old version drives.
     with chdir(versions.code_folder):
         tester = RoadTester.of(versions.new, terms)
     check_differ(recorded, tester.described["driver"])
+    plan = options.quality.resolved(tester)
+    disturbed = 2 * len(plan.disturbances or ())
+    drives = (2 + disturbed) * fresh + failed
+    if plan.on_own_roads:
+        drives = 2 * fresh + (1 + disturbed) * len(campaign_tests(folder)) + failed
     with shown_driving(log, "Driving both versions", drives) as on_event:
-        driving: Any = {"workers": workers, "isolate": True, "on_event": on_event}
+        driving: Any = {"workers": options.workers, "isolate": True, "on_event": on_event}
         roads = fresh_roads_as_recorded(
-            folder, versions.old, fresh=fresh, is_trusted=is_trusted, **driving
+            folder,
+            versions.old,
+            fresh=fresh,
+            quality_plan=plan,
+            is_trusted=is_trusted,
+            **driving,
         )
         result = compared(roads, tester, **driving)
     if result.missing:
@@ -162,7 +263,8 @@ def _print(result: BackToBack, versions: _Versions) -> None:
     from frenetic.parts.records import innermost, short_version
     from frenetic.rerun.stability import Change
 
-    echo(result.answer)
+    for sentence in result.sentences:
+        echo(sentence)
     for version, spec, record in (
         ("old", versions.old, result.old),
         ("new", versions.new, result.new),
@@ -179,6 +281,7 @@ def _print(result: BackToBack, versions: _Versions) -> None:
             if roads.pairs
         ],
     )
+    _print_quality(result)
     if result.causes:
         print_table(
             ("what the driver does", ">old fails", ">new fails"),
@@ -187,3 +290,21 @@ def _print(result: BackToBack, versions: _Versions) -> None:
         )
     for note in result.notes:
         echo(f"Note: {note}")
+
+
+def _print_quality(result: BackToBack) -> None:
+    """Print the differences in quality that are shown, each where it is largest."""
+    from frenetic.analysis.quality_text import difference_row
+
+    if result.quality is None:
+        return
+    if shown := result.quality.shown:
+        print_table(
+            ("", "with", ">roads", ">old", ">new", ">difference (95 %)", ""),
+            [
+                (title, difference.conditions, str(difference.roads), *values)
+                for difference in shown
+                for title, *values in [difference_row(difference)]
+            ],
+            title="Quality, on roads that both pass",
+        )
