@@ -123,7 +123,7 @@ def shortened(text: str) -> str:
 
 PICTURES = {
     "README.md": {
-        "failure.png": "first/minimised/test-00159.png",
+        "failure.png": "first/minimised/test-00409.png",
         "gallery.png": "first/failures/gallery.png",
     },
     "manoeuvres.md": {"manoeuvre-step.png": "step.png"},

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from textwrap import fill
 from typing import TYPE_CHECKING, Any
 
 from frenetic._support.words import capitalised, counted, oob_unit
@@ -113,7 +114,8 @@ def print_causes(
     )
     for cause in causes:
         if text := cause.as_text():
-            echo(f"Test {cause.group.example} {text}.")
+            line = f"Test {cause.group.example} {text}."
+            echo(fill(line, ResultsConsole().width, subsequent_indent="  "))
 
 
 def _minimised_text(minimised: Test | None) -> str | None:
