@@ -305,3 +305,8 @@ class Test(NotebookRepr):
                 " says what is wrong with its configuration"
             )
         return self.setting
+
+
+def file_stem(candidate_id: int) -> str:
+    """Return the name of a test's files, without suffix, such as ``test-00007``."""
+    return f"test-{candidate_id:05d}"

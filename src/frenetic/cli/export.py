@@ -266,7 +266,7 @@ def _exported(
             name += f"-{test_id}"
         return ExportedRoad(file.road(), name, **options), source.with_name(name)
     from frenetic.campaign import CampaignStore
-    from frenetic.report.failures import file_stem
+    from frenetic.campaign.record import file_stem
     from frenetic.simulators.conditions import rules_in
 
     with CampaignStore.open(source) as store:

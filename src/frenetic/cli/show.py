@@ -409,7 +409,8 @@ def _part_text(config: Mapping[str, Any], kind: str) -> str:
 
 def _draw(store: CampaignStore, test: Test) -> str:
     """Draw a test into the campaign's folder; return the picture's path, or why there is none."""
-    from frenetic.report.failures import FAILURES, PICTURES, file_stem
+    from frenetic.campaign.record import file_stem
+    from frenetic.report.failures import FAILURES, PICTURES
     from frenetic.report.picture import draw_test
 
     folder_name = FAILURES if test.outcome is Outcome.FAIL else PICTURES

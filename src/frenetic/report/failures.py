@@ -13,7 +13,7 @@ from frenetic._support.files import replacing
 from frenetic._support.json_value import JSONValue
 from frenetic._support.words import rounded_seconds
 from frenetic.campaign.database import DATABASE
-from frenetic.campaign.record import Test
+from frenetic.campaign.record import Test, file_stem
 from frenetic.campaign.store import CampaignStore
 from frenetic.campaign.stored_spec import signed_driving
 from frenetic.errors import CampaignError
@@ -35,11 +35,6 @@ MOST_FILES: Final = 1000
 
 The database holds all failing roads.
 """
-
-
-def file_stem(candidate_id: int) -> str:
-    """Return the name of a test's files, without suffix, such as ``test-00007``."""
-    return f"test-{candidate_id:05d}"
 
 
 def verdict_entries(result: Result) -> dict[str, Any]:

@@ -10,8 +10,9 @@ from typing import Any, Final
 
 from frenetic._support.files import check_writable, write_file
 from frenetic.campaign import CampaignStore, RoadTester, Test
+from frenetic.campaign.record import file_stem
 from frenetic.errors import FreneticError
-from frenetic.report.failures import file_stem, road_entries, verdict_entries
+from frenetic.report.failures import road_entries, verdict_entries
 from frenetic.rerun.campaigns import FOLDER
 from frenetic.rerun.minimise import Minimised
 from frenetic.rerun.minimising_strategy import OPERATOR

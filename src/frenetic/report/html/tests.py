@@ -10,7 +10,7 @@ import numpy as np
 
 from frenetic._support.arrays import FloatArray
 from frenetic.analysis.failures import Failure, describe, describe_drive
-from frenetic.campaign.record import Test
+from frenetic.campaign.record import Test, file_stem
 from frenetic.campaign.store import CampaignStore
 from frenetic.criteria.criterion import DRIVER, LANE
 from frenetic.oracle.drive import Trajectory
@@ -18,7 +18,7 @@ from frenetic.oracle.drive_assessment import Assessment
 from frenetic.oracle.outcome import Outcome
 from frenetic.oracle.signals import measure
 from frenetic.oracle.verdict import Finding, Result, Side, breach_text
-from frenetic.report.failures import FAILURES, file_stem
+from frenetic.report.failures import FAILURES
 from frenetic.report.minimised import MINIMISED, minimised_drives
 from frenetic.report.orientation import turn_of
 from frenetic.road import Road, profile
