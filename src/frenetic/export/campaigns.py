@@ -2,18 +2,14 @@
 
 from __future__ import annotations
 
-import glob
-import os
-import shutil
-from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Iterable
 from pathlib import Path
-from typing import Final, Literal, TypeAlias, get_args
+from typing import Literal, TypeAlias, get_args
 
 from frenetic.campaign.campaign import Campaign
 from frenetic.campaign.store import CampaignStore
-from frenetic.errors import FreneticError
 from frenetic.export.competition_folder import write_competition_folder
+from frenetic.export.folders import EXPORTS, whole_folder
 from frenetic.export.table_files import write_tables
 from frenetic.export.tables import CampaignSource, open_store
 from frenetic.oracle.outcome import Outcome, chosen_outcomes
@@ -22,8 +18,6 @@ Format: TypeAlias = Literal["parquet", "csv", "json", "competition"]
 """Format of an exported campaign."""
 TrajectoryChoice: TypeAlias = Literal["all", "failures", "none"]
 """Choice of tests whose trajectories are exported."""
-EXPORTS: Final = "exports"
-"""Folder for exports in a campaign's folder."""
 
 
 def export_campaign(
@@ -81,7 +75,7 @@ def export_campaign(
     notify = on_progress or (lambda *_: None)
     home = campaign.folder if isinstance(campaign, Campaign | CampaignStore) else Path(campaign)
     target = home / EXPORTS / format if out is None else Path(out)
-    with _whole_folder(target) as folder:
+    with whole_folder(target) as folder:
         if format in ("parquet", "csv", "json"):
             write_tables(folder, campaign, format, wanted, driven, notify)
             return target
@@ -96,34 +90,3 @@ def export_campaign(
                 on_test=lambda count: notify(count, max(count, total)),
             )
     return target
-
-
-@contextmanager
-def _whole_folder(target: Path) -> Iterator[Path]:
-    """Yield a new folder beside ``target`` to write into; rename it to ``target`` at the end.
-
-    If an error is raised meanwhile, the new folder is removed. After a kill, the next call removes
-    it.
-
-    Raises:
-        FreneticError: ``target`` is not empty, or the disk is full or cannot be written.
-    """
-    target = target.absolute()
-    try:
-        if os.path.lexists(target) and (not target.is_dir() or any(target.iterdir())):
-            raise FreneticError(f"{target} exists already: choose another place, or remove it")
-        for leftover in target.parent.glob(f".{glob.escape(target.name)}-[0-9]*.part"):
-            shutil.rmtree(leftover, ignore_errors=True)
-        partial = target.with_name(f".{target.name}-{os.getpid()}.part")
-        partial.mkdir(parents=True)
-        try:
-            yield partial
-            if target.is_dir():  # it is empty; some platforms rename onto no existing folder
-                target.rmdir()
-            partial.rename(target)
-        finally:
-            shutil.rmtree(partial, ignore_errors=True)
-    except OSError as error:
-        raise FreneticError(
-            f"{target} cannot be written: {error.strerror or error}; choose another place"
-        ) from error
