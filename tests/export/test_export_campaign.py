@@ -303,18 +303,19 @@ def test_unknown_names_are_refused(
         export_campaign(campaign, name, tmp_path / "out", **options)
 
 
-def test_tables_need_the_extra_tables_but_the_competitions_files_do_not(
+def test_frames_and_parquet_need_the_extra_tables_but_other_files_do_not(
     campaign: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     for module in ("pandas", "pyarrow"):
         with monkeypatch.context() as patch:
             patch.setitem(sys.modules, module, None)
             with pytest.raises(FreneticError, match=r'pip install "\.\[tables\]"'):
-                export_campaign(campaign, "json", tmp_path / "out")
+                export_campaign(campaign, "parquet", tmp_path / "out")
             with pytest.raises(FreneticError, match=r'pip install "\.\[tables\]"'):
                 data_frame(campaign)
             assert not (tmp_path / "out").exists()
-            export_campaign(campaign, "competition", tmp_path / module)
+            for name in ("csv", "json", "competition"):
+                export_campaign(campaign, name, tmp_path / module / name)
 
 
 UNSAFE_TEXTS = {

@@ -57,7 +57,7 @@ def export_campaign(
 
     Raises:
         FreneticError: the folder is not empty or cannot be written, the campaign is damaged, or
-            pandas and pyarrow are missing.
+            Parquet is meant and pandas or pyarrow is missing.
         ValueError: the format, an outcome or the choice of trajectories is unknown.
     """
     for name, value, allowed in (

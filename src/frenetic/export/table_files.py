@@ -5,15 +5,14 @@ A file is written batch by batch of the tests, so memory does not grow with the 
 
 from __future__ import annotations
 
+import csv
 import json
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, ExitStack, contextmanager
-from datetime import datetime
 from itertools import islice
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final, TypeAlias
+from typing import TYPE_CHECKING, Any, Final
 
-import numpy as np
 from msgspec.json import encode
 
 from frenetic._support.printable import text_cell
@@ -22,13 +21,16 @@ from frenetic.export.table_columns import TABLES
 from frenetic.export.tables import (
     DICTIONARY_COLUMNS,
     CampaignSource,
+    CampaignTest,
     campaigns_of,
     cars_of,
     condition_names,
     frame_of,
     open_store,
+    plain_rows,
     read_tests,
     require_extra,
+    test_columns,
 )
 from frenetic.export.trajectory_files import TRAJECTORY_FILES, RowWriter
 from frenetic.oracle.outcome import Outcome
@@ -36,11 +38,10 @@ from frenetic.road import profile
 
 if TYPE_CHECKING:
     import pandas as pd
+    import pyarrow as pa
 
 TESTS_AT_ONCE: Final = 500
 """Number of tests of a batch, whose frames are in memory together; our choice."""
-FrameWriter: TypeAlias = "Callable[[pd.DataFrame], object]"
-"""Function that appends a frame to an open file."""
 
 
 def write_tables(
@@ -63,13 +64,21 @@ def write_tables(
             tests.
 
     Raises:
-        FreneticError: pandas or pyarrow is not installed, or a campaign is damaged.
+        FreneticError: Parquet is meant and pandas or pyarrow is not installed, or a campaign is
+            damaged.
         OSError: a file cannot be written.
     """
-    require_extra(f"the format {format}")
+    if format == "parquet":
+        require_extra("the format parquet")
     campaigns, are_named = campaigns_of(source)
     conditions = condition_names(campaigns)
     cars = cars_of(campaigns)
+    if format != "parquet":  # which holds it in its own files
+        names = {"tests": test_columns(conditions, are_named=are_named)}
+        if driven is not None:
+            first = ("campaign",) if are_named else ()
+            names["trajectories"] = (*first, *TABLES["trajectories"])
+        write_description(folder, names, cars)
     done = total = 0
     for campaign in campaigns:
         with open_store(campaign) as store:
@@ -78,7 +87,10 @@ def write_tables(
             )
     tests = read_tests(campaigns, outcomes, with_trajectory=driven is not None)
     with ExitStack() as files:
-        write_frame: FrameWriter | None = None
+        test_file = _TEST_FILES[format]
+        write_tests = files.enter_context(
+            test_file(folder / "tests", conditions, are_named=are_named)
+        )
         write_trajectories: RowWriter = len  # writes nothing
         if driven is not None:
             trajectory_file = TRAJECTORY_FILES[format]
@@ -87,16 +99,7 @@ def write_tables(
             )
         while True:
             batch = list(islice(tests, TESTS_AT_ONCE))
-            frame = frame_of("tests", batch, conditions, are_named=are_named)
-            if write_frame is None:  # the first frame says which columns the file has
-                write_frame = files.enter_context(_FILES[format](folder / "tests", frame))
-                if format != "parquet":  # which holds it in its own files
-                    names = {"tests": tuple(map(str, frame))}
-                    if driven is not None:
-                        first = ("campaign",) if are_named else ()
-                        names["trajectories"] = (*first, *TABLES["trajectories"])
-                    write_description(folder, names, cars)
-            write_frame(frame)
+            write_tests(batch)
             write_trajectories([item for item in batch if item[1].outcome in (driven or ())])
             done += len(batch)
             on_progress(done, max(done, total))  # the campaign may grow meanwhile
@@ -105,65 +108,95 @@ def write_tables(
 
 
 @contextmanager
-def _json_file(path: Path, _: pd.DataFrame) -> Iterator[FrameWriter]:
-    """Yield a function that appends frames to a file, as a JSON object per row and line."""
+def _json_file(path: Path, conditions: Sequence[str], *, are_named: bool) -> Iterator[RowWriter]:
+    """Yield a function that appends tests to a file, as a JSON object per row and line.
+
+    Args:
+        path: path without suffix.
+        conditions: names of the conditions that get a column.
+        are_named: whether the rows have the folder of their campaign.
+    """
     with path.with_suffix(".jsonl").open("wb") as file:
 
-        def write(frame: pd.DataFrame) -> None:
-            for row in zip(*(_plain(frame[name]) for name in frame), strict=True):
-                file.write(encode(dict(zip(frame, row, strict=True))) + b"\n")
+        def write(tests: Sequence[CampaignTest]) -> None:
+            for row in plain_rows(tests, conditions, are_named=are_named):
+                file.write(encode(row) + b"\n")
 
         yield write
 
 
 @contextmanager
-def _csv_file(path: Path, first: pd.DataFrame) -> Iterator[FrameWriter]:
-    """Yield a function that appends frames to a CSV file.
+def _csv_file(path: Path, conditions: Sequence[str], *, are_named: bool) -> Iterator[RowWriter]:
+    """Yield a function that appends tests to a CSV file, see `_json_file`.
 
     No spreadsheet reads a text in it as a formula.
     """
-    import pandas as pd  # an extra
-
-    texts = [name for name in first if not pd.api.types.is_numeric_dtype(first[name])]
     with path.with_suffix(".csv").open("w", encoding="utf-8", newline="") as file:
-        first[:0].to_csv(file, index=False)
-        yield lambda frame: _with_texts(frame, texts).to_csv(
-            file, index=False, header=False, lineterminator="\n"
-        )
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow(test_columns(conditions, are_named=are_named))
+
+        def write(tests: Sequence[CampaignTest]) -> None:
+            for row in plain_rows(tests, conditions, are_named=are_named):
+                writer.writerow(
+                    value if value is None or isinstance(value, int | float) else _cell(value)
+                    for value in row.values()
+                )
+
+        yield write
 
 
 @contextmanager
-def _parquet_file(path: Path, first: pd.DataFrame) -> Iterator[FrameWriter]:
-    """Yield a function that appends frames to a Parquet file."""
+def _parquet_file(path: Path, conditions: Sequence[str], *, are_named: bool) -> Iterator[RowWriter]:
+    """Yield a function that appends tests to a Parquet file, see `_json_file`."""
     import pyarrow as pa  # an extra
     from pyarrow.parquet import ParquetWriter  # an extra
 
-    texts = [name for name in DICTIONARY_COLUMNS if name in first]
+    with ExitStack() as opened:
+        file: ParquetWriter | None = None
+
+        def write(tests: Sequence[CampaignTest]) -> None:
+            nonlocal file
+            frame = frame_of("tests", tests, conditions, are_named=are_named)
+            texts = [name for name in DICTIONARY_COLUMNS if name in frame]
+            plain = _with_texts(frame, texts)
+            if file is None:  # the first frame says which columns the file has
+                parquet = path.with_suffix(".parquet")
+                file = opened.enter_context(
+                    ParquetWriter(parquet, _parquet_schema(plain), compression="zstd")
+                )
+            file.write_table(pa.Table.from_pandas(plain, file.schema, preserve_index=False))
+
+        yield write
+
+
+def _parquet_schema(frame: pd.DataFrame) -> pa.Schema:
+    """Return the schema of the table ``tests``, with units and meanings of the columns."""
+    import pyarrow as pa  # an extra
+
     numbers = pa.list_(pa.float64())
     lists = {"curvatures": numbers, "parents": pa.list_(pa.int64())}
     lists |= dict.fromkeys(profile.NAMES, pa.list_(numbers))
-    inferred = pa.Schema.from_pandas(_with_texts(first, texts), preserve_index=False)
+    inferred = pa.Schema.from_pandas(frame, preserve_index=False)
     fields = [pa.field(item.name, lists.get(item.name, item.type)) for item in inferred]
-    schema = described_schema(pa.schema(fields, inferred.metadata), "tests", {})
-    with ParquetWriter(path.with_suffix(".parquet"), schema, compression="zstd") as file:
-        yield lambda frame: file.write_table(
-            pa.Table.from_pandas(_with_texts(frame, texts), schema, preserve_index=False)
-        )
+    return described_schema(pa.schema(fields, inferred.metadata), "tests", {})
 
 
-_FILES: Final[Mapping[str, Callable[[Path, pd.DataFrame], AbstractContextManager[FrameWriter]]]] = {
+_TEST_FILES: Final[Mapping[str, Callable[..., AbstractContextManager[RowWriter]]]] = {
     "json": _json_file,
     "csv": _csv_file,
     "parquet": _parquet_file,
 }
-"""Format -> function of a path without suffix and the first frame that opens a file."""
+"""Format -> function of a path without suffix, conditions and `are_named` that opens a file."""
 
 
 def _with_texts(frame: pd.DataFrame, names: Iterable[str]) -> pd.DataFrame:
-    """Return a frame with some columns as texts; lists and dictionaries become JSON."""
+    """Return a frame with some columns as texts; dictionaries become JSON."""
     import pandas as pd  # an extra
 
-    texts = {name: [_cell(value) for value in _plain(frame[name])] for name in names}
+    texts = {
+        name: [_cell(value) for value in frame[name].to_numpy(object, na_value=None)]
+        for name in names
+    }
     return frame.assign(**{name: pd.array(cells, dtype="string") for name, cells in texts.items()})
 
 
@@ -172,15 +205,3 @@ def _cell(value: Any) -> str | None:
     if value is None:
         return None
     return text_cell(value) if isinstance(value, str) else json.dumps(value)
-
-
-def _plain(values: pd.Series[Any]) -> list[Any]:
-    """Return the values of a column in types of JSON; None for a missing value."""
-    return [_plain_value(value) for value in values.to_numpy(object, na_value=None)]
-
-
-def _plain_value(value: Any) -> Any:
-    """Return a value in types of JSON: an array as a list, a time as ISO 8601."""
-    if isinstance(value, np.ndarray):
-        return value.tolist()
-    return value.isoformat(timespec="milliseconds") if isinstance(value, datetime) else value

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+import math
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, nullcontext, suppress
 from dataclasses import asdict
+from datetime import UTC, datetime
 from operator import attrgetter
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, Literal, TypeAlias, get_args
@@ -71,6 +73,33 @@ _CATEGORIES: Final[Mapping[str, tuple[str, ...]]] = {
 """Name of a column -> its categories."""
 DICTIONARY_COLUMNS: Final = ("source", "notes", "fault")
 """Columns whose values are dictionaries."""
+
+
+def _plain_time(text: str) -> str | None:
+    """Return a time in UTC as ISO 8601 with milliseconds; None for an empty text."""
+    if not text:
+        return None
+    return datetime.fromisoformat(text).astimezone(UTC).isoformat(timespec="milliseconds")
+
+
+def _plain_object(value: Any) -> Any:
+    """Return an array as a list, another value as it is."""
+    return value.tolist() if isinstance(value, np.ndarray) else value
+
+
+_PLAIN_FUNCTIONS: Final[Mapping[str, Callable[[Any], Any]]] = {
+    **dict.fromkeys(("int64", "Int64"), int),
+    **dict.fromkeys(("float64", "Float64"), float),
+    "string": str,
+    "object": _plain_object,
+    "datetime64[ms, UTC]": _plain_time,
+}
+"""Type of a column in pandas -> function that turns its values into types of JSON."""
+
+
+def _dtype_of(name: str) -> str:
+    """Return the type of a column of the table ``tests`` in pandas, apart from categories."""
+    return _COLUMN_DTYPES.get(name) or _KIND_DTYPES[_KINDS.get(name, "REAL")]
 
 
 def data_frame(
@@ -230,19 +259,62 @@ def _test_frame(tests: Iterable[CampaignTest], conditions: Iterable[str]) -> pd.
     """Return the table ``tests``, with the column ``campaign``."""
     import pandas as pd  # an extra
 
-    names = ("campaign", *TABLES["tests"], *(f"{CONDITION}{name}" for name in conditions))
+    names = test_columns(conditions, are_named=True)
     values: dict[str, list[Any]] = {name: [] for name in names}
     for campaign, test in tests:
         row = _row_of(test)
         row["campaign"] = campaign
         for name in names:
             values[name].append(row.get(name))
-    dtypes: dict[str, Any] = {
-        name: _COLUMN_DTYPES.get(name) or _KIND_DTYPES[_KINDS.get(name, "REAL")] for name in names
-    }
+    dtypes: dict[str, Any] = {name: _dtype_of(name) for name in names}
     dtypes |= {name: pd.CategoricalDtype(categories) for name, categories in _CATEGORIES.items()}
     columns = {name: pd.Series(values[name], dtype=dtype) for name, dtype in dtypes.items()}
     return pd.DataFrame(columns)
+
+
+def plain_rows(
+    tests: Iterable[CampaignTest], conditions: Iterable[str], *, are_named: bool
+) -> Iterator[dict[str, Any]]:
+    """Yield the rows of the table ``tests`` in types of JSON, with None for a missing value.
+
+    They hold the values of the frame that `frame_of` returns, without pandas.
+
+    Args:
+        tests: tests with the folders of their campaigns.
+        conditions: names of the conditions that get a column.
+        are_named: whether a column has the folders of the campaigns.
+    """
+    plain = {name: _plain_function(name) for name in test_columns(conditions, are_named=are_named)}
+    for campaign, test in tests:
+        row = _row_of(test) | {"campaign": campaign}
+        values = {name: row.get(name) for name in plain}
+        yield {
+            name: None
+            if value is None or (isinstance(value, float) and math.isnan(value))
+            else plain[name](value)
+            for name, value in values.items()
+        }
+
+
+def _is_missing(value: Any) -> bool:
+    """Return whether a value is None or NaN, which pandas takes for missing."""
+    return value is None or (isinstance(value, float) and math.isnan(value))
+
+
+def test_columns(conditions: Iterable[str], *, are_named: bool) -> tuple[str, ...]:
+    """Return the names of the columns of the table ``tests``, in order.
+
+    Args:
+        conditions: names of the conditions that get a column.
+        are_named: whether a column has the folders of the campaigns.
+    """
+    first = ("campaign",) if are_named else ()
+    return (*first, *TABLES["tests"], *(f"{CONDITION}{name}" for name in conditions))
+
+
+def _plain_function(name: str) -> Callable[[Any], Any]:
+    """Return the function that turns a column's values into types of JSON."""
+    return str if name in _CATEGORIES else _PLAIN_FUNCTIONS[_dtype_of(name)]
 
 
 def _row_of(test: Test) -> dict[str, Any]:
