@@ -62,7 +62,7 @@ MEASURED: Final = (
     TableColumn("oob_share", "share of the car's box outside the ego lane"),
 )
 """Columns of a trajectory's records that follow from its road; missing after the drive's end."""
-_RECORDED: Final = (
+RECORDED: Final = (
     TableColumn("time", "simulated time since the start", "s"),
     TableColumn("x", "coordinate of the centre of mass on the map", "m"),
     TableColumn("y", "coordinate of the centre of mass on the map", "m"),
@@ -79,7 +79,7 @@ _RECORDED: Final = (
 COLUMNS: Final[Mapping[str, tuple[TableColumn, ...]]] = MappingProxyType(
     {
         "tests": tuple(_TEST_COLUMNS[name] for name in _TEST_ORDER.split()),
-        "trajectories": (TableColumn("id", "id of the test"), *_RECORDED, *MEASURED),
+        "trajectories": (TableColumn("id", "id of the test"), *RECORDED, *MEASURED),
         "measures": (
             TableColumn("seed", "seed of the search"),
             TableColumn("simulations", "number of drives"),
@@ -106,7 +106,7 @@ With several campaigns a column ``campaign`` comes first. In the table ``tests``
 condition that some test has, such as ``condition_friction``, comes last.
 """
 
-assert tuple(column.name for column in _RECORDED) == Trajectory.names()
+assert tuple(column.name for column in RECORDED) == Trajectory.names()
 
 
 def column_of(table: str, name: str) -> TableColumn:
