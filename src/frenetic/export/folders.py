@@ -45,3 +45,19 @@ def whole_folder(target: Path) -> Iterator[Path]:
         raise FreneticError(
             f"{target} cannot be written: {error.strerror or error}; choose another place"
         ) from error
+
+
+@contextmanager
+def added_to(target: Path) -> Iterator[Path]:
+    """Yield a folder to which files are added, and make it if it is missing.
+
+    Raises:
+        FreneticError: the folder cannot be made, or the disk is full or cannot be written.
+    """
+    try:
+        target.mkdir(parents=True, exist_ok=True)
+        yield target
+    except OSError as error:
+        raise FreneticError(
+            f"{target} cannot be written: {error.strerror or error}; choose another place"
+        ) from error
