@@ -44,6 +44,7 @@ CALLS: Final = {
     "report c": "report",
     "check c": f"{COUNTS} folder findings outstanding trajectories bytes",
     "export c --format competition": "folder format outcomes",
+    "export c 1 --format trace,file=mcap": "folder format outcomes",
     "rerun c --top 1 --times 2": (
         "campaign folder driver simulator variations passed same missing changes matches tests"
     ),
@@ -67,6 +68,8 @@ CALLS: Final = {
     "drive --manoeuvre step,radius=200": (
         "manoeuvre options quantities speed_limit length outcome reason moobd driver conditions"
     ),
+    "drive bend.json --trace bend.mcap --layouts": "trace road outcome",
+    "drive --manoeuvre step --trace step.csv": "trace manoeuvre",
     "drive bend.json --dry": "road valid message",
     "calibrate drives.jsonl --driver planner --fit braking": (
         "name driven lane_width fitted recordings validation"
@@ -140,6 +143,17 @@ MISTAKES: Final = [
     ("show c --limit 3 --follow", "--follow"),
     ("check nowhere", "nowhere does not exist"),
     ("export nowhere --format csv", "nowhere"),
+    (
+        "export c --format trace,file=pdf",
+        "no trace is a file of the form 'pdf': choose csv or mcap",
+    ),
+    ("export c --format trace,files=mcap", "trace has no option 'files'; did you mean 'file'?"),
+    ("export c 99999 --format trace", "c holds no test of candidate 99999"),
+    ("export c 1 --format trace --outcome fail", "--outcome is for a whole campaign"),
+    ("export c 1 --format trace --out file", "file cannot be written"),
+    ("export c --format trace --out c", "c exists already: choose another place with --out"),
+    ("export nowhere --format trace", "nowhere does not exist"),
+    ("export bend.json --format trace", "'trace' is no format of a road"),
     ("doctor --simulator nowhere", "unknown simulator 'nowhere'"),
     ("doctor --simulator friction=0.2", "needs a name before"),
     ("rerun nowhere", "nowhere does not exist"),
@@ -199,6 +213,11 @@ MISTAKES: Final = [
     ("drive nowhere.json --plot no/such/p.png", "--plot", "there is no folder no/such"),
     ("drive straight.json --dry --plot p.png", "--plot draws one drive"),
     ("drive nowhere.json", "there is no file nowhere.json"),
+    ("drive straight.json --trace t.txt", "t.txt is no name for a trace", ".csv or .mcap"),
+    ("drive straight.json --trace no/t.csv", "--trace", "there is no folder no"),
+    ("drive straight.json --dry --trace t.csv", "--trace holds one drive"),
+    ("drive c 1 2 --trace t.csv", "--trace holds one drive"),
+    ("drive straight.json --layouts", "add --trace FILE"),
     ("drive nonsense.json", "nonsense.json", "is not JSON"),
     ("drive c", "c is a folder", "which tests"),
     ("drive c 1 --lane -2", "--lane and --road are for OpenDRIVE"),

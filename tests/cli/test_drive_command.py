@@ -8,6 +8,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
 import pytest
 
 if TYPE_CHECKING:
@@ -63,6 +64,29 @@ def test_drive_draws_a_picture(frenetic: Frenetic, bent: str) -> None:
     for picture in ("picture.png", "picture.svg"):
         assert frenetic("drive", bent, "--plot", picture, "--json").json["plot"] == picture
         assert Path(picture).stat().st_size > 10_000
+
+
+def test_drive_writes_a_trace_in_its_conditions(frenetic: Frenetic, bent: str) -> None:
+    answer = frenetic("drive", bent, "--trace", "run.csv", "--with", "delay=0.05", "--json").json
+    assert answer["trace"] == "run.csv"
+    table = np.genfromtxt("run.csv", delimiter=",", names=True)
+    assert table["oob_distance_m"].min() == pytest.approx(answer["moobd"], rel=1e-8)
+    assert table["time_s"][-1] == pytest.approx(answer["duration"])
+    assert set(table["condition_delay_s"]) == {0.05}
+    printed = frenetic("drive", bent, "--trace", "run.mcap", "--layouts")
+    assert "\ntrace " in printed.out
+    assert {path.name for path in Path().iterdir()} == {
+        *("foxglove-layout.json", "plotjuggler-layout.xml"),
+        *("road.json", "run.csv", "run.events.csv", "run.mcap"),
+    }
+
+
+def test_a_road_that_is_not_driven_has_no_trace(frenetic: Frenetic) -> None:
+    Path("loop.json").write_text(json.dumps(LOOP))
+    answer = frenetic("drive", "loop.json", "--trace", "run.csv", "--json")
+    assert answer.code == 1
+    assert "trace" not in answer.json
+    assert not Path("run.csv").exists()
 
 
 def test_an_invalid_road_is_not_driven(frenetic: Frenetic, bent: str) -> None:

@@ -24,6 +24,7 @@ from frenetic.cli.drive_plan import (
     plan_for_file,
     plan_for_map,
 )
+from frenetic.cli.drive_trace import TraceFile
 from frenetic.cli.entries import entry_option, entry_options, part_options, trust_option
 from frenetic.cli.option_types import NewFile
 from frenetic.cli.options import (
@@ -50,7 +51,7 @@ if TYPE_CHECKING:
     "--manoeuvre",
     metavar="NAME",
     help="Drive a standard manoeuvre in place of a road, and measure the response: 'frenetic list"
-    " manoeuvres'. With options: step,radius=100.",
+    " manoeuvres'. Options: step,radius=100; --with speed=100 (km/h).",
 )
 @entry_option("roads")
 @part_options
@@ -59,6 +60,13 @@ if TYPE_CHECKING:
 @click.option("--dry", is_flag=True, help="Say whether the road is valid; do not drive it.")
 @file_option(
     "--plot", "Draw the drive into this PNG, SVG or PDF file.", type=NewFile(is_picture=True)
+)
+@file_option("--trace", "Write all signals to this CSV or MCAP file.", type=NewFile(is_trace=True))
+@click.option(
+    "--layouts",
+    "has_layouts",
+    is_flag=True,
+    help="PlotJuggler and Foxglove layouts beside the trace.",
 )
 @lane_option
 @road_option
@@ -72,6 +80,8 @@ def drive(
     manoeuvre: str | None,
     dry: bool,
     plot: Path | None,
+    trace: Path | None,
+    has_layouts: bool,
     lane: int | None,
     map_roads: str | None,
     as_json: bool,
@@ -79,24 +89,23 @@ def drive(
 ) -> None:
     """Drive the road of a file or of a campaign's tests, and say what happened.
 
-    The tests of a CAMPAIGN are driven as the campaign drove them, and the command says whether they
-    end in the same way; the file of a failing road is driven so, too. With options that change
-    driver, simulator, rules or conditions nothing is compared. A ROAD is JSON with curvatures (1/m)
-    or road_points, a test file of the competition, or OpenDRIVE; in a file with a list of tests, ID
-    is the number of a test. A road that lies elsewhere is moved into the map; an invalid road is
-    not driven. With --road the roads of a map are driven where they lie, valid or not; where the
-    car leaves its lane, another drive starts after that place. With --manoeuvre no road is named;
-    --with speed=100 drives the manoeuvre at 100 km/h. The exit code is 1 if a road is INVALID or
-    the simulator broke (ERROR).
+    The tests of a CAMPAIGN, and the file of a failing road, are driven as the campaign drove them.
+    Unless options change driver, simulator, rules or conditions, the command says whether a test
+    ends in the same way. A ROAD is JSON with curvatures (1/m) or road_points, a test file of the
+    competition, or OpenDRIVE; ID is the number of a test in a list of tests. A road that lies
+    elsewhere is moved into the map; an invalid road is not driven. With --road, roads of a map are
+    driven where they lie, valid or not, and beyond a place where the car leaves its lane. The exit
+    code is 1 if a road is INVALID or a drive ends in ERROR.
     """
     options = CommandOptions.of(context)
+    trace_file = TraceFile.of(trace, has_layouts=has_layouts)
     if manoeuvre is not None:
         if source is not None or dry or lane is not None or map_roads is not None:
             raise click.UsageError("--manoeuvre has a road of its own: name no road, lane or --dry")
         if options.says("map_size"):
             raise click.UsageError("--manoeuvre needs no map: leave out --map-size")
         with as_usage_error():
-            document = drive_manoeuvre(options, manoeuvre, plot, is_quiet=as_json)
+            document = drive_manoeuvre(options, manoeuvre, plot, trace_file, is_quiet=as_json)
         documents = [document]
         if as_json:
             echo(json.dumps(document))
@@ -105,11 +114,12 @@ def drive(
     else:
         plan = _plan(options, source, test_ids, lane, map_roads, is_dry=dry)
         has_one_road = len(plan.targets) == 1
-        if plot is not None and (dry or not has_one_road):
-            raise click.UsageError(
-                "--plot draws one drive: leave it out with --dry or several roads"
-            )
-        documents = _judge(plan) if dry else _drive(plan, plot, is_quiet=as_json)
+        for option, value in (("--plot draws", plot), ("--trace holds", trace)):
+            if value is not None and (dry or not has_one_road):
+                raise click.UsageError(
+                    f"{option} one drive: leave it out with --dry or several roads"
+                )
+        documents = _judge(plan) if dry else _drive(plan, plot, trace_file, is_quiet=as_json)
         if as_json:
             echo(json.dumps(documents[0] if has_one_road and map_roads is None else documents))
         elif dry:
@@ -180,12 +190,15 @@ def _judge(plan: DrivePlan) -> list[dict[str, Any]]:
     return documents
 
 
-def _drive(plan: DrivePlan, plot: Path | None, *, is_quiet: bool) -> list[dict[str, Any]]:
+def _drive(
+    plan: DrivePlan, plot: Path | None, trace: TraceFile | None, *, is_quiet: bool
+) -> list[dict[str, Any]]:
     """Drive the valid roads; print what happened, unless quiet, and return it for JSON.
 
     Args:
         plan: the roads, and how they are driven.
         plot: file for the picture of the only drive; None for no picture.
+        trace: file for the trace of the only drive; None for no trace.
         is_quiet: whether nothing is printed.
     """
     from frenetic.campaign import RoadTester
@@ -212,13 +225,17 @@ def _drive(plan: DrivePlan, plot: Path | None, *, is_quiet: bool) -> list[dict[s
             if plot is not None:
                 _draw(target, result, driven, plot)
             document = _document(target, result, driven, tester, plot)
+            if trace is not None:
+                conditions = tester.terms.conditions_of(target.conditions)
+                document |= trace.write(target.road, driven, result, conditions)
             documents.append(document)
             if not is_quiet:
                 _print(plan.spec, tester, target, result, document)
                 is_only_drive = len(plan.targets) == 1 and target.rest_after is None
                 if plan.spec.rules.criteria or is_only_drive:
                     print_measures(document.get("measures", []), plan.spec.rules.criteria)
-            if target.rest_after is not None and result.departure is not None and plot is None:
+            draws_one = plot is not None or trace is not None
+            if target.rest_after is not None and result.departure is not None and not draws_one:
                 rest = target.rest_after(result.departure.distance)
                 if rest is not None:
                     waiting.appendleft(rest)
@@ -371,5 +388,6 @@ def _print(
             ("mistake", document["evidence"]["text"] if "evidence" in document else ""),
             ("result", comparison),
             ("picture", document.get("plot", "")),
+            ("trace", document.get("trace", "")),
         ]
     )

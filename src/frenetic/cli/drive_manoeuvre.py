@@ -12,6 +12,7 @@ from frenetic.cli import echo
 from frenetic.cli.command_options import CommandOptions
 from frenetic.cli.console import Log, announced_compilation, print_facts, print_table
 from frenetic.cli.drive_facts import facts_of_drive
+from frenetic.cli.drive_trace import TraceFile
 from frenetic.conditions.condition import as_text
 from frenetic.spec import Spec
 from frenetic.spec.part_text import part_text
@@ -23,7 +24,12 @@ if TYPE_CHECKING:
 
 
 def drive_manoeuvre(
-    options: CommandOptions, word: str, plot: Path | None, *, is_quiet: bool
+    options: CommandOptions,
+    word: str,
+    plot: Path | None,
+    trace: TraceFile | None,
+    *,
+    is_quiet: bool,
 ) -> dict[str, Any]:
     """Drive a manoeuvre; print what it measures, unless quiet, and return it for JSON.
 
@@ -31,6 +37,7 @@ def drive_manoeuvre(
         options: options of the command line.
         word: name and options of the manoeuvre, such as ``step,radius=100``.
         plot: file for the picture; None for no picture.
+        trace: file for the trace; None for no trace.
         is_quiet: whether nothing is printed.
 
     Raises:
@@ -67,6 +74,8 @@ def drive_manoeuvre(
         title = f"{manoeuvre.name} at {3.6 * plan.speed:.4g} km/h, {driver}"
         draw_manoeuvre(result, plot, title=f"{title}: {result.result.outcome}")
     document = _document(plan, result, tester, plot)
+    if trace is not None:
+        document |= trace.write(plan.road, drive, result.result, plan.conditions)
     if not is_quiet:
         _print(spec, plan, result, document)
     return document
@@ -135,6 +144,7 @@ def _print(
             ("conditions", as_text(plan.conditions)),
             *facts_of_drive(verdict, duration, result.road.lane_width),
             ("picture", document.get("plot", "")),
+            ("trace", document.get("trace", "")),
         ]
     )
     print_table(

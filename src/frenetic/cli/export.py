@@ -48,6 +48,8 @@ ROADS: Final[Mapping[str, tuple[str, ...]]] = {
 """Format of a road -> its options."""
 _MAX_ROADS_IN_NAME: Final = 60
 """Largest number of characters of a map's road IDs in a file name; a digest follows a cut."""
+TRACE: Final[Mapping[str, tuple[str, ...]]] = {"trace": ("file",)}
+"""Format of a campaign's tests, a file each -> its options."""
 EXPORTS: Final = "exports"
 """Folder for exported roads in a campaign's folder."""
 
@@ -58,14 +60,15 @@ EXPORTS: Final = "exports"
     "--format",
     "form",
     metavar="FORMAT",
-    help=f"For a campaign {', '.join(TABLES)}; for roads {', '.join(ROADS)}. Options follow a"
-    " comma: csv,trajectories=failures (or all, none), opendrive,origin=[49,8.4]. [default:"
-    " for a road, what the suffix of --out says]",
+    help=f"For a campaign {', '.join(TABLES)}; for roads {', '.join(ROADS)}; for drives of a"
+    " campaign or of IDs, trace. Options follow a comma: csv,trajectories=failures (or all, none),"
+    " opendrive,origin=[49,8.4], trace,file=mcap (or csv). [default: for a road, what the suffix of"
+    " --out says]",
 )
 @file_option(
     "--out",
-    "Folder for a campaign, file for a road, - for stdout. [default: in exports/ of the campaign,"
-    " beside the road]",
+    "Folder for a campaign or traces, file for a road, - for stdout. [default: in exports/ of the"
+    " campaign, beside the road]",
     type=click.Path(path_type=Path, allow_dash=True),
 )
 @click.option(
@@ -88,23 +91,22 @@ def export(
     map_roads: str | None,
     as_json: bool,
 ) -> None:
-    """Write a campaign, or single roads, for other tools.
+    """Write a campaign, single roads or drives for other tools.
 
     A CAMPAIGN without IDs, or a folder of several, such as a bench's, becomes a folder of tables,
-    for pandas, DuckDB and others (extra 'tables'), or of the competition's files. The road of a
-    test ID, as it lay on the map, or of a ROAD file becomes a file of its own. Each file is written
-    completely or not at all, and its path is printed.
+    for pandas, DuckDB and others (Parquet needs the extra 'tables'), or of the competition's files.
+    The road of a test ID, as it lay on the map, or of a ROAD file becomes a file of its own. As a
+    trace, a drive becomes a file with all its signals, for PlotJuggler, Foxglove (extra 'mcap') and
+    spreadsheets. Each file is written completely or not at all, and its path is printed.
     """
-    is_campaign = source.is_dir() and not test_ids
-    formats = TABLES if is_campaign else ROADS
+    name, options = _read_format(form)
+    has_drives = name in TRACE and not source.is_file()
+    is_campaign = has_drives or (source.is_dir() and not test_ids)
+    formats = {**TABLES, **TRACE} if is_campaign else ROADS
     if is_campaign and (lane is not None or map_roads is not None or str(out) == "-"):
         raise click.UsageError("--lane, --road and --out - are for a road: name the ID of a test")
-    if outcomes and not is_campaign:
+    if outcomes and (test_ids or not is_campaign):
         raise click.UsageError("--outcome is for a whole campaign: leave out the ID of a test")
-    try:
-        name, options = (None, {}) if form is None else read_part(form)
-    except ValueError as error:
-        raise click.BadParameter(str(error), param_hint="'--format'") from None
     if name is None:
         name = _format_by_suffix(out, is_campaign=is_campaign)
     if name not in formats:
@@ -120,10 +122,24 @@ def export(
                 f"{name} has no option {option!r}{hint(option, formats[name])} It has: {known}",
                 param_hint="'--format'",
             )
-    if is_campaign:
+    if name in TRACE:
+        _export_traces(source, test_ids, options, out, outcomes, as_json)
+    elif is_campaign:
         _export_campaign(source, name, options, out, outcomes, as_json)
     else:
         _export_roads(source, test_ids, name, options, out, as_json, lane=lane, roads=map_roads)
+
+
+def _read_format(form: str | None) -> tuple[str | None, dict[str, Any]]:
+    """Return name and options of ``--format``; no name without the option.
+
+    Raises:
+        click.BadParameter: the text is not NAME,OPTION=VALUE.
+    """
+    try:
+        return (None, {}) if form is None else read_part(form)
+    except ValueError as error:
+        raise click.BadParameter(str(error), param_hint="'--format'") from None
 
 
 def _format_by_suffix(out: Path | None, *, is_campaign: bool) -> str:
@@ -135,7 +151,7 @@ def _format_by_suffix(out: Path | None, *, is_campaign: bool) -> str:
     from frenetic.export import format_of
 
     if is_campaign or out is None or str(out) == "-":
-        formats = ", ".join(TABLES if is_campaign else ROADS)
+        formats = ", ".join([*TABLES, *TRACE] if is_campaign else ROADS)
         also = "" if is_campaign else ", or say it by the suffix of --out"
         raise click.UsageError(f"Missing option '--format': choose from {formats}{also}")
     return format_of(out).name
@@ -168,6 +184,26 @@ def _export_campaign(
             )
             break
     document = {"folder": str(folder), "format": name, "outcomes": list(outcomes)}
+    echo(json.dumps(document) if as_json else folder)
+
+
+def _export_traces(
+    source: Path,
+    test_ids: tuple[int, ...],
+    options: dict[str, Any],
+    out: Path | None,
+    outcomes: tuple[str, ...],
+    as_json: bool,
+) -> None:
+    """Export the drives of a campaign's tests as traces; print their folder."""
+    from frenetic.export import export_traces
+
+    form = str(options.get("file", "csv"))
+    with as_usage_error(), counted_progress(Log(), "Exporting") as show:
+        folder = export_traces(
+            source, out, form=form, tests=test_ids, outcomes=outcomes, on_progress=show
+        )
+    document = {"folder": str(folder), "format": "trace", "outcomes": list(outcomes)}
     echo(json.dumps(document) if as_json else folder)
 
 

@@ -73,17 +73,20 @@ class NewFile(click.Path):
 
     Args:
         is_picture: whether the suffix has to name a picture format, such as .png.
+        is_trace: whether the suffix has to be .csv or .mcap.
     """
 
-    def __init__(self, *, is_picture: bool = False) -> None:
+    def __init__(self, *, is_picture: bool = False, is_trace: bool = False) -> None:
         super().__init__(path_type=Path)
         self.is_picture = is_picture
+        self.is_trace = is_trace
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Path:
         """Return the path of a file that can be written.
 
         Raises:
-            click.BadParameter: the file cannot be written, or its suffix is no picture format.
+            click.BadParameter: the file cannot be written, its suffix is wrong, or the extra for
+                its format is missing.
         """
         path = Path(os.fsdecode(super().convert(value, param, ctx)))
         if ctx is not None and ctx.resilient_parsing:  # a shell completes the line
@@ -93,6 +96,10 @@ class NewFile(click.Path):
                 from frenetic.report.style import form_of  # matplotlib imports slowly
 
                 form_of(path)  # raises for a suffix that is no format
+            if self.is_trace:
+                from frenetic.export.trace_files import trace_form_of  # imports slowly
+
+                trace_form_of(path)
             check_writable(path, remedy="choose another file")
         except FreneticError as error:
             self.fail(str(error), param, ctx)
