@@ -252,17 +252,41 @@ def median_estimate(values: npt.ArrayLike, confidence: float = 0.95) -> ValueWit
     Raises:
         ValueError: there are no values, or a value is not a number.
     """
+    return quantile_estimate(values, 0.5, confidence)
+
+
+def quantile_estimate(
+    values: npt.ArrayLike, share: float, confidence: float = 0.95
+) -> ValueWithInterval:
+    """Return a quantile, with the interval between two of the values, which may be infinite.
+
+    The interval follows from the binomial number of values below the true quantile and assumes no
+    distribution. Either end misses the quantile with at most half of the remaining probability; an
+    end is infinite where too few values allow that: for the quantile 0.05 and a confidence of 95 %,
+    the lower end of fewer than 72 values.
+
+    Args:
+        values: (n,) independent values.
+        share: share of the distribution below the quantile, 0..1, without the ends.
+        confidence: 0..1.
+
+    Raises:
+        ValueError: there are no values, or a value is not a number.
+    """
     from scipy.special import bdtr  # slow to import, but faster than scipy.stats
 
     ordered = np.sort(_values(values))
     n = len(ordered)
-    # bdtr(k, n, 0.5) is the chance that at most k of n values lie below the true median.
-    position = int((2.0 * bdtr(np.arange(n // 2), n, 0.5) <= 1.0 - confidence).sum())
-    low, high = -math.inf, math.inf
-    if position:
-        # The ends are the values at this position, from 1, from either side.
-        low, high = float(ordered[position - 1]), float(ordered[n - position])
-    return ValueWithInterval(_quantile(ordered, 0.5), low, high)
+
+    def position(share: float) -> int:
+        """Return the position, from 1, of the interval's lower end; 0 if it is infinite."""
+        # bdtr(k, n, share) is the chance that at most k of n values lie below the quantile.
+        return int((2.0 * bdtr(np.arange(n), n, share) <= 1.0 - confidence).sum())
+
+    below, above = position(share), position(1.0 - share)
+    low = float(ordered[below - 1]) if below else -math.inf
+    high = float(ordered[n - above]) if above else math.inf
+    return ValueWithInterval(_quantile(ordered, share), low, high)
 
 
 def a12(first: npt.ArrayLike, second: npt.ArrayLike) -> float:

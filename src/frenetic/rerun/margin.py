@@ -1,0 +1,418 @@
+"""Margins: how far a driver is from failing, where it does not fail.
+
+The margin of a quantity, such as the delay of the controls, is the amount at which a driver begins
+to fail on 5 % of the roads. It is measured on random roads of a road class or domain: on each road
+by a scan and a bisection, see `frenetic.rerun.margin_search`. The drives are a campaign::
+
+    tester = RoadTester(EmbeddedSimulator(), MyDriver(), Terms.of_class(RoadClass.of("rural-80")))
+    margins = measure_margins(tester, workers=4, out="margins")
+    print(margins.as_text())
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import asdict, dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any, Final, Unpack
+
+from frenetic._support.bounds import Index, check, require_count
+from frenetic._support.files import require_list
+from frenetic._support.words import counted
+from frenetic.analysis.statistics import Share, ValueWithInterval, quantile_estimate
+from frenetic.campaign import MAX_IN_FLIGHT, Campaign, CampaignStore, Event, new_folder
+from frenetic.campaign.replay import replay
+from frenetic.campaign.tester import RoadTester
+from frenetic.criteria.criterion import COMPETITION
+from frenetic.errors import FreneticError
+from frenetic.oracle.outcome import Outcome
+from frenetic.rerun.campaigns import DrivingOptions, DrivingPlan, drive_missing, driving_campaign
+from frenetic.rerun.margin_quantities import Quantity, measured_quantities
+from frenetic.rerun.margin_search import (
+    MOST_DRIVES,
+    AmountSearch,
+    MarginRoad,
+    MarginSearch,
+    draw_roads,
+)
+from frenetic.spec import Budget
+from frenetic.spec.part_record import describe
+
+SHARE: Final = 0.05
+"""Share of the roads that fail at the margin; our choice."""
+ROADS: Final = 80
+"""Default number of random roads; 72 are the fewest whose interval has two ends in the range."""
+DEMANDING: Final = 10
+"""Largest number of most demanding roads of a campaign; our choice."""
+_EXTRA_DRIVES: Final = 1000
+"""Drives in which the simulator broke that the budget allows beside all others; our choice."""
+
+
+@dataclass(frozen=True)
+class RoadLimit:
+    """Least amount of a quantity at which a driver fails on a road."""
+
+    road: int
+    """Number of a random road, from 1, or id of the test from which the road comes."""
+    share: float
+    """Share of the measured range at which the driver fails; 0 if it fails as usual, infinite if it
+    never fails within the range."""
+    fails: float | None
+    """Amount at which the driver fails; None if it never fails within the range."""
+    passes: float | None
+    """Largest amount at which the driver passes below the failing amount; None if there is none."""
+    passes_again: float | None
+    """Amount above the failing one at which the driver passes; None if there is none."""
+    drive: int | None
+    """Id of the failing drive in the campaign of the drives; None if the driver never fails."""
+
+    @classmethod
+    def of(cls, search: AmountSearch, road: int) -> RoadLimit:
+        """Return the limit that a complete search has measured on a road."""
+        quantity = search.quantity
+        share, passing, again = search.least_failing, search.passing, search.passes_again
+        return cls(
+            road,
+            math.inf if share is None else share,
+            None if share is None else quantity.amount(share),
+            None if passing is None else quantity.amount(passing),
+            None if again is None else quantity.amount(again),
+            None if share is None else search.drives[share],
+        )
+
+    def as_json(self) -> dict[str, Any]:
+        """Return the limit as a JSON object; an infinite number is None."""
+        values = asdict(self).items()
+        return {
+            name: None if isinstance(value, float) and math.isinf(value) else value
+            for name, value in values
+        }
+
+
+@dataclass(frozen=True)
+class Margin:
+    """Margin of a driver in a quantity."""
+
+    quantity: Quantity
+    limits: tuple[RoadLimit, ...]
+    """Limit on each random road."""
+    demanding: tuple[RoadLimit, ...] = ()
+    """Limit on each of a campaign's most demanding roads, which do not count among the random
+    roads; empty without a campaign."""
+
+    @cached_property
+    def shares(self) -> ValueWithInterval:
+        """Share of the measured range at which `SHARE` of the random roads fail.
+
+        It has a 95 % interval between the limits of two roads. An end of the interval is 0 where
+        too few roads allow another. What is beyond the range is infinite.
+        """
+        estimate = quantile_estimate([limit.share for limit in self.limits], SHARE)
+        return ValueWithInterval(estimate.value, max(0.0, estimate.low), estimate.high)
+
+    @property
+    def amount(self) -> float | None:
+        """Amount at which `SHARE` of the random roads fail; None if it is beyond the range."""
+        return self._amount(self.shares.value)
+
+    @property
+    def interval(self) -> tuple[float | None, float | None]:
+        """95 % interval of `amount`, the end next to the usual amount first.
+
+        None is an end beyond the range.
+        """
+        return self._amount(self.shares.low), self._amount(self.shares.high)
+
+    @property
+    def least(self) -> RoadLimit | None:
+        """Limit on the demanding road that fails first; None without demanding roads."""
+        return min(self.demanding, key=lambda limit: limit.share, default=None)
+
+    @property
+    def never(self) -> Share:
+        """Share of the random roads on which the driver never fails within the range."""
+        return Share(sum(limit.fails is None for limit in self.limits), len(self.limits))
+
+    @property
+    def failing_as_usual(self) -> list[RoadLimit]:
+        """Limits of the random roads on which the driver fails at the usual amount."""
+        return [limit for limit in self.limits if limit.share == 0.0]
+
+    @property
+    def passing_again(self) -> list[RoadLimit]:
+        """Limits of the random roads on which the driver passes above the failing amount."""
+        return [limit for limit in self.limits if limit.passes_again is not None]
+
+    def _amount(self, share: float) -> float | None:
+        """Return the amount at a share of the range; None beyond the range."""
+        return None if math.isinf(share) else self.quantity.amount(share)
+
+    def reaches(self, amount: float) -> bool:
+        """Return whether the driver begins to fail at this amount or beyond it."""
+        return self.shares.value >= min(self.quantity.share(amount), 1.0)
+
+    def amount_text(self) -> str:
+        """Return the amount at which the driver begins to fail, with its unit."""
+        return self.text_of(self.amount)
+
+    def text_of(self, amount: float | None) -> str:
+        """Return an amount with its unit; for None that the driver never fails in the range."""
+        if amount is None:
+            return f"never up to {self.quantity.text(self.quantity.end)}"
+        return self.quantity.text(amount)
+
+    def as_text(self) -> str:
+        """Return the margin in a line."""
+        nearer, farther = (self.text_of(amount) for amount in self.interval)
+        text = f"{self.quantity.words}: {self.amount_text()} (95 % interval {nearer} to {farther})"
+        return f"{text}, never fails on {self.never.count} of {self.never.total} roads"
+
+    def as_json(self) -> dict[str, Any]:
+        """Return the margin as a JSON object; an amount beyond the range is None."""
+        least = self.least
+        return {
+            **self.quantity.as_json(),
+            "amount": self.amount,
+            "interval": list(self.interval),
+            "never": self.never.as_json(),
+            "failing_as_usual": len(self.failing_as_usual),
+            "passing_again": len(self.passing_again),
+            "most_demanding": None if least is None else least.fails,
+            "roads": [limit.as_json() for limit in self.limits],
+            "demanding_roads": [limit.as_json() for limit in self.demanding],
+        }
+
+
+@dataclass(frozen=True)
+class Margins:
+    """Margins of a driver in several quantities."""
+
+    margins: tuple[Margin, ...]
+    domain: str
+    """Roads and conditions in words, such as ``rural-80, 80 km/h``."""
+    driver: Mapping[str, Any]
+    """Driver, as `frenetic.spec.part_record.describe` records it."""
+    simulator: Mapping[str, Any]
+    """Simulator, recorded as the driver is."""
+    seed: int
+    """Seed of the random roads."""
+    drives: int
+    """Number of drives."""
+    folder: Path
+    """Folder of the campaign of the drives."""
+
+    @property
+    def roads(self) -> int:
+        """Number of random roads."""
+        return len(self.margins[0].limits)
+
+    @property
+    def demanding(self) -> int:
+        """Number of demanding roads."""
+        return len(self.margins[0].demanding)
+
+    def named(self, condition: str, amount: float) -> Margin:
+        """Return the margin of a condition to the side on which an amount lies.
+
+        Raises:
+            ValueError: this side of the condition was not measured.
+        """
+        for margin in self.margins:
+            if margin.quantity.condition == condition and margin.quantity.share(amount) > 0.0:
+                return margin
+        raise ValueError(f"{condition} was not measured up to {amount:g}")
+
+    def shortfalls(self, at_least: Mapping[str, float]) -> dict[str, str]:
+        """Return which margins are smaller than required.
+
+        Args:
+            at_least: name of a condition -> amount that the driver has to bear on all but `SHARE`
+                of the roads.
+
+        Returns:
+            Key of a quantity -> the shortfall in words.
+
+        Raises:
+            ValueError: a condition was not measured to this side.
+        """
+        texts = {}
+        for name, amount in at_least.items():
+            margin = self.named(name, amount)
+            if not margin.reaches(amount):
+                quantity = margin.quantity
+                texts[quantity.key] = (
+                    f"{name} begins to fail at {margin.amount_text()}:"
+                    f" {quantity.text(amount)} is needed"
+                )
+        return texts
+
+    def as_text(self) -> str:
+        """Return the margins in words, a line for each quantity."""
+        roads = counted(self.roads, "random road")
+        head = f"Fails on {100.0 * SHARE:g} % of {roads} of {self.domain} from:"
+        return "\n".join([head, *(f"  {margin.as_text()}" for margin in self.margins)])
+
+    def as_json(self) -> dict[str, Any]:
+        """Return the margins as a JSON object."""
+        return {
+            "domain": self.domain,
+            "driver": dict(self.driver),
+            "simulator": dict(self.simulator),
+            "share": SHARE,
+            "roads": self.roads,
+            "demanding_roads": self.demanding,
+            "seed": self.seed,
+            "drives": self.drives,
+            "folder": str(self.folder),
+            "margins": [margin.as_json() for margin in self.margins],
+        }
+
+
+def measure_margins(
+    tester: RoadTester,
+    quantities: Sequence[Quantity] | None = None,
+    *,
+    roads: int = ROADS,
+    seed: Index = 0,
+    campaign: Path | str | None = None,
+    **options: Unpack[DrivingOptions],
+) -> Margins:
+    """Measure at which amounts of conditions a driver begins to fail.
+
+    The drives are a campaign. The same call continues an interrupted one and reads a complete one,
+    if it has the same ``campaign`` or ``out``; without both, each call makes a new folder.
+
+    Args:
+        tester: drives on its terms; its simulator is not yet entered.
+        quantities: what is measured, see `measured_quantities`, which has the default.
+        roads: number of random roads.
+        seed: seed of the random roads.
+        campaign: folder of a campaign with this driver and these terms, which keeps the drives. Its
+            passed roads of lowest MOOBD are the demanding roads.
+        options: see `DrivingOptions`.
+
+    Raises:
+        KeyboardInterrupt: Ctrl-C came before the last drive.
+        FreneticError: the simulator broke, or simulator or driver cannot have a condition.
+        CampaignError: see `frenetic.rerun.campaigns.driving_campaign`.
+        ValueError: a number is out of range, no random road is valid, or nothing is measured.
+    """
+    roads = require_count("roads", roads)
+    check({"seed": seed}, measure_margins)
+    if quantities is None:
+        quantities = measured_quantities(tester)
+    quantities = require_list("quantities", quantities, "quantities")
+    if not quantities:
+        raise ValueError("nothing is measured: name a condition")
+    if campaign is None:
+        options["out"] = options.get("out") or new_folder()
+    random_roads = draw_roads(tester, roads, int(seed))
+    demanding_roads, created_at = [], None
+    if campaign is not None:
+        demanding_roads, created_at = _demanding_roads(campaign, random_roads)
+    search = MarginSearch(
+        quantities,
+        random_roads,
+        demanding_roads,
+        {
+            "quantities": [quantity.as_json() for quantity in quantities],
+            "roads": roads,
+            "seed": int(seed),
+            "campaign": created_at,  # identifies the campaign, whose path may change
+            "demanding": [road.test for road in demanding_roads],
+        },
+    )
+    most = MOST_DRIVES * len(quantities) * (roads + len(demanding_roads)) + _EXTRA_DRIVES
+    plan = DrivingPlan(
+        search,
+        Budget(simulations=most),
+        identity=[describe(search), tester.terms],
+        purpose={"margin": True},
+        max_in_flight=MAX_IN_FLIGHT,  # a constant: the drives must not depend on the workers
+    )
+    driving = driving_campaign(campaign, plan, tester, options)
+    _drive(driving, options)
+    return _result(driving, search, plan, tester)
+
+
+def _drive(driving: Campaign, options: DrivingOptions) -> None:
+    """Make the missing drives of a campaign; stop at the first drive in which the simulator breaks.
+
+    Raises:
+        FreneticError: the simulator broke.
+    """
+    on_event = options.get("on_event")
+
+    def stop_at_error(event: Event) -> None:
+        if event.test is not None and event.test.outcome is Outcome.ERROR:
+            raise FreneticError(
+                f"the simulator broke, which says nothing of the driver: {event.test.reason}; the"
+                f" drives so far are kept in {driving.folder}"
+            )
+        if on_event is not None:
+            on_event(event)
+
+    drive_missing(driving, stop_at_error)
+
+
+def _demanding_roads(
+    folder: Path | str, random_roads: Iterable[MarginRoad]
+) -> tuple[list[MarginRoad], str]:
+    """Return the roads of a campaign's passed tests of lowest MOOBD, and when the campaign began.
+
+    The lowest MOOBD comes first. Each road has place and seed of a random road, in their order.
+    """
+    with CampaignStore.open(folder) as store:
+        passed = store.tests(Outcome.PASS, order_by="moobd", limit=DEMANDING, with_repeats=False)
+        roads = [
+            road.at_test(test.candidate, str(folder))
+            for test, road in zip(passed, random_roads, strict=False)
+        ]
+        return roads, str(store.fact("created_at"))
+
+
+def _result(
+    driving: Campaign, search: MarginSearch, plan: DrivingPlan, tester: RoadTester
+) -> Margins:
+    """Return the margins from the drives of a campaign.
+
+    Args:
+        driving: campaign with the drives.
+        search: strategy of the campaign, which proposed the drives unless they were there before.
+        plan: plan of the campaign.
+        tester: tester that drove.
+
+    Raises:
+        KeyboardInterrupt: drives are missing.
+    """
+    with CampaignStore.open(driving.folder) as store:
+        if not search.is_begun:  # the campaign was complete
+            replay(store, search, plan.budget, driving.objective)
+        drives = store.counts().simulations
+    if not search.is_complete:
+        raise KeyboardInterrupt
+    terms, described = tester.terms, tester.described
+    domain = COMPETITION if terms.road_class is None else terms.road_class.as_text()
+    if terms.domain is not None:
+        domain = terms.domain.name
+    return Margins(
+        tuple(
+            Margin(
+                quantity,
+                tuple(RoadLimit.of(limit, i) for i, limit in enumerate(searches, 1)),
+                tuple(
+                    RoadLimit.of(limit, limit.road.test)
+                    for limit in search.demanding_searches[quantity]
+                ),
+            )
+            for quantity, searches in search.random_searches.items()
+        ),
+        domain,
+        described["driver"],
+        described["simulator"],
+        search.options["seed"],
+        drives,
+        driving.folder,
+    )
