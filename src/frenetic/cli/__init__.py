@@ -55,6 +55,7 @@ COMMANDS: Final = {
     "rerun": "rerun:rerun",
     "minimise": "minimise:minimise",
     "estimate": "estimate:estimate",
+    "margin": "margin:margin",
     "compare": "compare:compare",
     "drive": "drive:drive",
     "list": "list:list_parts",

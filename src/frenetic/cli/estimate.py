@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 from collections import deque
-from contextlib import chdir
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -16,13 +15,11 @@ from frenetic.cli.command_options import CommandOptions
 from frenetic.cli.console import Log, shell, this_command
 from frenetic.cli.entries import entry_option, part_options, trust_option
 from frenetic.cli.options import (
-    as_usage_error,
     count_option,
     folder_option,
     json_option,
     workers_option,
 )
-from frenetic.spec import Spec
 
 if TYPE_CHECKING:
     from frenetic.campaign import Event, RoadTester, Summary
@@ -62,7 +59,7 @@ def estimate(
     same command again to continue after Ctrl-C; when all drives are made, it only prints the
     estimate. Without a CAMPAIGN this needs --out DIR.
     """
-    from frenetic.cli.rerun_options import shown_driving
+    from frenetic.cli.rerun_options import shown_driving, tester_of_options
     from frenetic.rerun.estimate import estimate as estimate_failure_rate
 
     options = CommandOptions.of(context)
@@ -73,7 +70,7 @@ def estimate(
             f"{campaign} is driven as before: leave out the options that change how roads are"
             " driven, or give --odd FILE without a campaign"
         )
-    tester = _tester_of_domain(options) if campaign is None else _tester_of(campaign, options)
+    tester = tester_of_options(options) if campaign is None else _tester_of(campaign, options)
     log = Log()
     # The summary of the last event; an estimate whose drives are all made sends one event, too.
     latest: deque[Summary] = deque(maxlen=1)
@@ -129,16 +126,6 @@ def _interrupted(
     return interrupted(log, f"{remaining} to go", next_command)
 
 
-def _tester_of_domain(options: CommandOptions) -> RoadTester:
-    """Return the tester that drives in the domain of ``--odd FILE``."""
-    from frenetic.campaign.tester import RoadTester
-
-    spec, code_folder = options.trusted(options.over(Spec(), roads_are_given=False))
-    options.check_drawn(spec)
-    with as_usage_error(), chdir(code_folder):
-        return RoadTester.of(spec)
-
-
 def _tester_of(campaign: Path, options: CommandOptions) -> RoadTester:
     """Return the tester that drives as a campaign drove, in the campaign's domain.
 
@@ -146,8 +133,7 @@ def _tester_of(campaign: Path, options: CommandOptions) -> RoadTester:
         click.UsageError: the campaign has no domain.
     """
     from frenetic.campaign import CampaignStore
-    from frenetic.cli.rerun_options import campaign_spec
-    from frenetic.rerun.rerun import campaign_tester
+    from frenetic.cli.rerun_options import tester_of_campaign
 
     with CampaignStore.open(campaign) as store:
         if store.setting.domain is None:
@@ -155,9 +141,7 @@ def _tester_of(campaign: Path, options: CommandOptions) -> RoadTester:
                 f"{campaign} searched no domain: name a campaign that was run with --odd, or give"
                 " --odd FILE without a campaign"
             )
-        spec, code_folder = campaign_spec(store, options)
-        with chdir(code_folder):
-            return campaign_tester(store, spec)
+        return tester_of_campaign(store, options)
 
 
 def _print(result: FailureRate) -> None:

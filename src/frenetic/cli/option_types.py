@@ -159,3 +159,29 @@ def _parse_limits(text: str, *, allows_value: bool) -> tuple[float, float] | Non
     except ValueError:
         return None
     return limits if all(map(math.isfinite, limits)) else None
+
+
+# Amounts
+
+
+def amount_type(example: str, *, allows_name: bool = False) -> ParsedText:
+    """Return the option type of NAME=AMOUNT; the value is the pair, in which the amount is finite.
+
+    An unknown name is refused later, by `frenetic.conditions.condition.condition_named`.
+
+    Args:
+        example: an example, for the message about a mistake.
+        allows_name: whether NAME is accepted, too, as the pair of NAME and None.
+    """
+    forms = "NAME or NAME=AMOUNT" if allows_name else "NAME=AMOUNT"
+
+    def parse(text: str) -> tuple[str, float | None]:
+        name, equals, amount_text = (part.strip() for part in text.partition("="))
+        if name and allows_name and not equals:
+            return name, None
+        limits = _parse_limits(amount_text, allows_value=True)
+        if not name or limits is None or ":" in amount_text:
+            raise ValueError(f"{text!r} is not {forms}, as in {example}")
+        return name, limits[0]
+
+    return ParsedText("name=amount", parse)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from contextlib import contextmanager
+from contextlib import chdir, contextmanager
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -21,7 +21,7 @@ from frenetic.spec import DRIVEN, Signed, Spec, sign_driven
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from frenetic.campaign import CampaignStore, Event
+    from frenetic.campaign import CampaignStore, Event, RoadTester
     from frenetic.road.files import RoadFile
 
 
@@ -77,6 +77,35 @@ def campaign_spec(
             f" --simulator{alternative}"
         )
     return spec, folder
+
+
+def tester_of_options(options: CommandOptions) -> RoadTester:
+    """Return the tester that drives new roads as the command line says.
+
+    Raises:
+        click.UsageError: an option is out of range, or sets a condition that the domain draws.
+        FreneticError: a part cannot be made.
+    """
+    from frenetic.campaign.tester import RoadTester
+
+    spec, code_folder = options.trusted(options.over(Spec(), roads_are_given=False))
+    options.check_drawn(spec)
+    with as_usage_error(), chdir(code_folder):
+        return RoadTester.of(spec)
+
+
+def tester_of_campaign(store: CampaignStore, options: CommandOptions) -> RoadTester:
+    """Return the tester that drives on a campaign's terms, with the command line's changes.
+
+    Raises:
+        CampaignError: see `campaign_spec`.
+        FreneticError: a part cannot be made.
+    """
+    from frenetic.rerun.rerun import campaign_tester
+
+    spec, code_folder = campaign_spec(store, options)
+    with chdir(code_folder):
+        return campaign_tester(store, spec)
 
 
 def file_spec(

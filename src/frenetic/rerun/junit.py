@@ -48,11 +48,11 @@ def junit(rerun: Rerun) -> bytes:
         "skipped": "0",
         "time": _decimals(_wall_time(rerun.drives), _SECOND_DIGITS),
     }
-    name = _text(rerun.campaign)
+    name = xml_text(rerun.campaign)
     top = ET.Element("testsuites", {"name": SUITE, **counts})
     suite = ET.SubElement(top, "testsuite", {"name": name, **counts})
     parts = {"driver": rerun.driver, "simulator": rerun.simulator}
-    _add_properties(suite, {part: str(described["class"]) for part, described in parts.items()})
+    add_properties(suite, {part: str(described["class"]) for part, described in parts.items()})
     for repeats in rerun.tests:
         attributes = {
             "classname": name,
@@ -95,22 +95,22 @@ def _add_outcome(case: ET.Element, repeats: Repeats) -> None:
         "length": _decimals(candidate.length, _METRE_DIGITS),
         "duration": _decimals(worst.duration, _SECOND_DIGITS),
     }
-    _add_properties(case, properties)
+    add_properties(case, properties)
     if repeats.change not in (*_FAILING_CHANGES, Change.NOT_JUDGED):
         return
-    text = _text(f"{repeats.change}{f' ({matches})' if matches else ''}: {worst.reason}")
+    text = xml_text(f"{repeats.change}{f' ({matches})' if matches else ''}: {worst.reason}")
     tag = "failure" if repeats.change in _FAILING_CHANGES else "error"
     ET.SubElement(case, tag, {"type": str(worst.outcome), "message": text}).text = text
 
 
-def _add_properties(parent: ET.Element, values: Mapping[str, str]) -> None:
+def add_properties(parent: ET.Element, values: Mapping[str, str]) -> None:
     """Add an element with properties, given as name -> value."""
     properties = ET.SubElement(parent, "properties")
     for name, value in values.items():
-        ET.SubElement(properties, "property", {"name": name, "value": _text(value)})
+        ET.SubElement(properties, "property", {"name": name, "value": xml_text(value)})
 
 
-def _text(text: str) -> str:
+def xml_text(text: str) -> str:
     """Return a text in which characters that XML cannot hold are escaped as in Python."""
     return _FORBIDDEN_CHARACTER.sub(lambda match: ascii(match[0])[1:-1], text)
 

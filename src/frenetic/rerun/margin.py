@@ -29,7 +29,7 @@ from frenetic.criteria.criterion import COMPETITION
 from frenetic.errors import FreneticError
 from frenetic.oracle.outcome import Outcome
 from frenetic.rerun.campaigns import DrivingOptions, DrivingPlan, drive_missing, driving_campaign
-from frenetic.rerun.margin_quantities import Quantity, measured_quantities
+from frenetic.rerun.margin_quantities import Quantity, RequiredAmount, measured_quantities
 from frenetic.rerun.margin_search import (
     MOST_DRIVES,
     AmountSearch,
@@ -48,6 +48,11 @@ DEMANDING: Final = 10
 """Largest number of most demanding roads of a campaign; our choice."""
 _EXTRA_DRIVES: Final = 1000
 """Drives in which the simulator broke that the budget allows beside all others; our choice."""
+
+
+def _finite(value: Any) -> Any:
+    """Return None for an infinite number, which JSON does not have, and other values unchanged."""
+    return None if isinstance(value, float) and math.isinf(value) else value
 
 
 @dataclass(frozen=True)
@@ -84,16 +89,12 @@ class RoadLimit:
 
     def as_json(self) -> dict[str, Any]:
         """Return the limit as a JSON object; an infinite number is None."""
-        values = asdict(self).items()
-        return {
-            name: None if isinstance(value, float) and math.isinf(value) else value
-            for name, value in values
-        }
+        return {name: _finite(value) for name, value in asdict(self).items()}
 
 
 @dataclass(frozen=True)
-class Margin:
-    """Margin of a driver in a quantity."""
+class ConditionMargin:
+    """ConditionMargin of a driver in a quantity."""
 
     quantity: Quantity
     limits: tuple[RoadLimit, ...]
@@ -155,31 +156,47 @@ class Margin:
 
     def amount_text(self) -> str:
         """Return the amount at which the driver begins to fail, with its unit."""
-        return self.text_of(self.amount)
+        return self._text(self.amount)
 
-    def text_of(self, amount: float | None) -> str:
+    def interval_text(self) -> str:
+        """Return the 95 % interval of the amount; empty if both ends are beyond the range."""
+        nearer, farther = self.interval
+        if nearer is None:
+            return ""
+        return f"{self._text(nearer)} to {self._text(farther)}"
+
+    def least_text(self) -> str:
+        """Return the amount at which the demanding road that fails first fails.
+
+        The text is empty without demanding roads.
+        """
+        return "" if self.least is None else self._text(self.least.fails)
+
+    def _text(self, amount: float | None) -> str:
         """Return an amount with its unit; for None that the driver never fails in the range."""
         if amount is None:
             return f"never up to {self.quantity.text(self.quantity.end)}"
-        return self.quantity.text(amount)
+        return "usual" if amount == self.quantity.usual else self.quantity.text(amount)
 
     def as_text(self) -> str:
         """Return the margin in a line."""
-        nearer, farther = (self.text_of(amount) for amount in self.interval)
-        text = f"{self.quantity.words}: {self.amount_text()} (95 % interval {nearer} to {farther})"
+        interval = f" (95 % interval {text})" if (text := self.interval_text()) else ""
+        text = f"{self.quantity.words}: {self.amount_text()}{interval}"
         return f"{text}, never fails on {self.never.count} of {self.never.total} roads"
 
     def as_json(self) -> dict[str, Any]:
-        """Return the margin as a JSON object; an amount beyond the range is None."""
-        least = self.least
+        """Return the margin as a JSON object; what is beyond the range or infinite is None."""
+        least, shares = self.least, self.shares
         return {
             **self.quantity.as_json(),
-            "amount": self.amount,
-            "interval": list(self.interval),
+            "amount": _finite(self.amount),
+            "interval": [_finite(amount) for amount in self.interval],
+            "range_share": _finite(shares.value),
+            "range_share_interval": [_finite(shares.low), _finite(shares.high)],
             "never": self.never.as_json(),
             "failing_as_usual": len(self.failing_as_usual),
             "passing_again": len(self.passing_again),
-            "most_demanding": None if least is None else least.fails,
+            "most_demanding": None if least is None else _finite(least.fails),
             "roads": [limit.as_json() for limit in self.limits],
             "demanding_roads": [limit.as_json() for limit in self.demanding],
         }
@@ -189,7 +206,7 @@ class Margin:
 class Margins:
     """Margins of a driver in several quantities."""
 
-    margins: tuple[Margin, ...]
+    margins: tuple[ConditionMargin, ...]
     domain: str
     """Roads and conditions in words, such as ``rural-80, 80 km/h``."""
     driver: Mapping[str, Any]
@@ -213,7 +230,7 @@ class Margins:
         """Number of demanding roads."""
         return len(self.margins[0].demanding)
 
-    def named(self, condition: str, amount: float) -> Margin:
+    def named(self, condition: str, amount: float) -> ConditionMargin:
         """Return the margin of a condition to the side on which an amount lies.
 
         Raises:
@@ -224,35 +241,61 @@ class Margins:
                 return margin
         raise ValueError(f"{condition} was not measured up to {amount:g}")
 
-    def shortfalls(self, at_least: Mapping[str, float]) -> dict[str, str]:
-        """Return which margins are smaller than required.
+    def shortfalls(self, at_least: Iterable[RequiredAmount]) -> dict[str, str]:
+        """Return which margins are smaller than required: key of a quantity -> it in words.
 
         Args:
-            at_least: name of a condition -> amount that the driver has to bear on all but `SHARE`
-                of the roads.
-
-        Returns:
-            Key of a quantity -> the shortfall in words.
+            at_least: amounts that the driver has to bear on all but `SHARE` of the roads.
 
         Raises:
-            ValueError: a condition was not measured to this side.
+            ValueError: a condition was not measured to the side of its amount.
         """
         texts = {}
-        for name, amount in at_least.items():
+        for name, amount in at_least:
             margin = self.named(name, amount)
             if not margin.reaches(amount):
                 quantity = margin.quantity
-                texts[quantity.key] = (
-                    f"{name} begins to fail at {margin.amount_text()}:"
-                    f" {quantity.text(amount)} is needed"
-                )
+                begins = f"begins to fail at {margin.amount_text()}"
+                if margin.amount == quantity.usual:
+                    begins = "fails as usual"
+                texts[quantity.key] = f"{name}: {begins}, {quantity.text(amount)} is needed"
         return texts
 
-    def as_text(self) -> str:
-        """Return the margins in words, a line for each quantity."""
+    @property
+    def notes(self) -> list[str]:
+        """Notes on roads that fail as usual, and on amounts above a failing one that pass."""
+        notes = []
+        failing = {limit.road: limit for m in self.margins for limit in m.failing_as_usual}
+        if failing:
+            drives = ", ".join(str(limit.drive) for limit in failing.values())
+            notes.append(
+                f"{len(failing)} of {counted(self.roads, 'road')} fail as usual, their margins are"
+                f" 0: drives {drives}"
+            )
+        for margin in self.margins:
+            if again := margin.passing_again:
+                limit = min(again, key=lambda limit: limit.share)
+                quantity = margin.quantity
+                assert limit.fails is not None
+                assert limit.passes_again is not None
+                notes.append(
+                    f"{quantity.words}: {counted(len(again), 'road')} pass again beyond the failing"
+                    f" amount, which counts; drive {limit.drive} fails at"
+                    f" {quantity.text(limit.fails)}, and the road passes at"
+                    f" {quantity.text(limit.passes_again)}"
+                )
+        return notes
+
+    @property
+    def headline(self) -> str:
+        """What the amounts are, in words."""
         roads = counted(self.roads, "random road")
-        head = f"Fails on {100.0 * SHARE:g} % of {roads} of {self.domain} from:"
-        return "\n".join([head, *(f"  {margin.as_text()}" for margin in self.margins)])
+        return f"Where the driver begins to fail on {100.0 * SHARE:g} % of {roads} of {self.domain}"
+
+    def as_text(self) -> str:
+        """Return the margins in words, a line for each quantity and note."""
+        lines = [margin.as_text() for margin in self.margins] + self.notes
+        return "\n".join([f"{self.headline}:", *(f"  {line}" for line in lines)])
 
     def as_json(self) -> dict[str, Any]:
         """Return the margins as a JSON object."""
@@ -309,7 +352,8 @@ def measure_margins(
     if campaign is None:
         options["out"] = options.get("out") or new_folder()
     random_roads = draw_roads(tester, roads, int(seed))
-    demanding_roads, created_at = [], None
+    demanding_roads: list[MarginRoad] = []
+    created_at = None
     if campaign is not None:
         demanding_roads, created_at = _demanding_roads(campaign, random_roads)
     search = MarginSearch(
@@ -398,21 +442,26 @@ def _result(
     if terms.domain is not None:
         domain = terms.domain.name
     return Margins(
-        tuple(
-            Margin(
-                quantity,
-                tuple(RoadLimit.of(limit, i) for i, limit in enumerate(searches, 1)),
-                tuple(
-                    RoadLimit.of(limit, limit.road.test)
-                    for limit in search.demanding_searches[quantity]
-                ),
-            )
-            for quantity, searches in search.random_searches.items()
-        ),
+        margins_of(search),
         domain,
         described["driver"],
         described["simulator"],
         search.options["seed"],
         drives,
         driving.folder,
+    )
+
+
+def margins_of(search: MarginSearch) -> tuple[ConditionMargin, ...]:
+    """Return the margins that a complete search has measured, in the order of its quantities."""
+    return tuple(
+        ConditionMargin(
+            quantity,
+            tuple(RoadLimit.of(limit, i) for i, limit in enumerate(searches, 1)),
+            tuple(
+                RoadLimit.of(limit, limit.road.test)
+                for limit in search.demanding_searches[quantity]
+            ),
+        )
+        for quantity, searches in search.random_searches.items()
     )

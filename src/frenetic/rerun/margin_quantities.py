@@ -7,10 +7,10 @@ usual amount is infinite, as of the view, amounts are spaced by equal factors, e
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from contextlib import suppress
 from dataclasses import asdict, dataclass
-from typing import Any, Final
+from typing import Any, Final, TypeAlias
 
 from frenetic.campaign.tester import RoadTester
 from frenetic.conditions.condition import condition_named
@@ -33,6 +33,8 @@ DEFAULT_CONDITIONS: Final = (
     "gust",
 )
 """Conditions whose margins are measured by default, if simulator and driver can have them."""
+RequiredAmount: TypeAlias = tuple[str, float]
+"""Name of a condition, and the amount that a driver has to bear."""
 _REACH: Final = 10.0
 """Measured range, as a multiple of the distance by which the usual range leaves the usual amount;
 our choice."""
@@ -116,7 +118,10 @@ class Quantity:
     def text(self, amount: float) -> str:
         """Return an amount with its unit."""
         unit = self.declaration.unit
-        return f"{amount:.3g}{' ' if unit else ''}{unit}"
+        if math.isinf(amount):
+            return "unlimited"
+        digits = max(3, len(f"{abs(amount):.0f}"))  # 1000, not 1e+03
+        return f"{amount:.{digits}g}{' ' if unit else ''}{unit}"
 
     def as_json(self) -> dict[str, Any]:
         """Return the quantity as a JSON object; an infinite amount is None."""
@@ -130,7 +135,7 @@ class Quantity:
 def measured_quantities(
     tester: RoadTester,
     ends: Mapping[str, float | None] | None = None,
-    at_least: Mapping[str, float] | None = None,
+    at_least: Iterable[RequiredAmount] = (),
 ) -> list[Quantity]:
     """Return the quantities of which margins are measured.
 
@@ -139,8 +144,8 @@ def measured_quantities(
         ends: name of a condition -> end of its range. None as an end means both sides, each ten
             times as far as the condition's usual range. By default all of `DEFAULT_CONDITIONS` that
             simulator and driver can have.
-        at_least: name of a condition -> amount that the driver has to bear. The condition is
-            measured, too, at least up to this amount.
+        at_least: amounts that the driver has to bear. Their conditions are measured, too, at least
+            up to these amounts.
 
     Raises:
         FreneticError: a condition is unknown, or simulator or driver cannot have it.
@@ -151,7 +156,7 @@ def measured_quantities(
     for name, end in (dict.fromkeys(DEFAULT_CONDITIONS) if ends is None else ends).items():
         with suppress(*(FreneticError, ValueError) if by_default else ()):
             _add(quantities, tester, name, end)
-    for name, amount in (at_least or {}).items():
+    for name, amount in at_least:
         required = _quantity_to(tester, name, amount)
         measured = quantities.get(required.key)
         if measured is None or measured.share(amount) > 1.0:
@@ -160,9 +165,7 @@ def measured_quantities(
     return list(quantities.values())
 
 
-def _add(
-    quantities: dict[str, Quantity], tester: RoadTester, name: str, end: float | None
-) -> None:
+def _add(quantities: dict[str, Quantity], tester: RoadTester, name: str, end: float | None) -> None:
     """Add the quantities of a condition, by their keys.
 
     Raises:

@@ -57,9 +57,7 @@ class MarginRoad:
     def at_test(self, candidate: Candidate, campaign: str) -> MarginRoad:
         """Return the road of a campaign's test, with this road's place and seed."""
         source = SourceTest(campaign, candidate.id)
-        return replace(
-            self, candidate=replace(candidate, origin=Origin(OPERATOR), source=source)
-        )
+        return replace(self, candidate=replace(candidate, origin=Origin(OPERATOR), source=source))
 
     @classmethod
     def draw(cls, rng: np.random.Generator, candidate: Candidate) -> MarginRoad:
@@ -133,7 +131,7 @@ class AmountSearch:
 
 
 @dataclass
-class _Drive:
+class _WantedDrive:
     """A drive that is wanted, and the searches that wait for its result."""
 
     candidate: Candidate
@@ -170,9 +168,11 @@ class MarginSearch(Strategy):
         self.demanding_searches = _searches(quantities, demanding_roads)
         """Quantity -> its searches on the demanding roads, in the order of the roads."""
         self._ledger = Ledger()
-        self._drives = deque[_Drive]()  # wanted and not proposed
-        self._in_flight: dict[int, _Drive] = {}  # id of a candidate without result -> its drive
-        usual: dict[tuple[int, frozenset[tuple[str, float]]], _Drive] = {}
+        self._drives = deque[_WantedDrive]()  # wanted and not proposed
+        self._in_flight: dict[
+            int, _WantedDrive
+        ] = {}  # id of a candidate without result -> its drive
+        usual: dict[tuple[int, frozenset[tuple[str, float]]], _WantedDrive] = {}
         for searches in zip(*self.random_searches.values(), strict=True):
             self._want_usual(searches, usual)
         for searches in zip(*self.demanding_searches.values(), strict=True):
@@ -181,7 +181,7 @@ class MarginSearch(Strategy):
     def _want_usual(
         self,
         searches: Iterable[AmountSearch],
-        usual: dict[tuple[int, frozenset[tuple[str, float]]], _Drive],
+        usual: dict[tuple[int, frozenset[tuple[str, float]]], _WantedDrive],
     ) -> None:
         """Want the usual drive of a road once for all searches with equal usual conditions.
 
@@ -194,7 +194,7 @@ class MarginSearch(Strategy):
             key = id(search.road), frozenset(conditions.items())
             if key not in usual:
                 candidate = replace(search.road.candidate, conditions=conditions)
-                usual[key] = _Drive(candidate, [])
+                usual[key] = _WantedDrive(candidate, [])
                 self._drives.append(usual[key])
             usual[key].searches.append((search, 0.0))
 
@@ -239,7 +239,7 @@ class MarginSearch(Strategy):
         drive = self._in_flight.pop(candidate.id)
         if evaluation.outcome is Outcome.ERROR:
             repeated = replace(candidate, repeat=candidate.repeat + 1)
-            self._drives.append(_Drive(repeated, drive.searches))
+            self._drives.append(_WantedDrive(repeated, drive.searches))
             return
         for search, share in drive.searches:
             search.failed[share] = evaluation.outcome is Outcome.FAIL
@@ -258,10 +258,10 @@ def _searches(
     return {quantity: [AmountSearch(road, quantity) for road in roads] for quantity in quantities}
 
 
-def _drive_at(search: AmountSearch, share: float) -> _Drive:
+def _drive_at(search: AmountSearch, share: float) -> _WantedDrive:
     """Return the drive at a share of a search's range."""
     conditions = search.road.conditions(search.quantity, share)
-    return _Drive(replace(search.road.candidate, conditions=conditions), [(search, share)])
+    return _WantedDrive(replace(search.road.candidate, conditions=conditions), [(search, share)])
 
 
 def draw_roads(tester: RoadTester, count: int, seed: int) -> list[MarginRoad]:
