@@ -135,6 +135,15 @@ def test_the_edge_distance_in_the_middle_is_half_of_lane_width_minus_car_width()
             assert measurement.side == ("left" if aside > 0.0 else "right")
 
 
+def test_the_lateral_offset_is_the_distance_of_the_centre_from_the_middle_of_the_lane() -> None:
+    road = Road(np.full(21, 0.01))
+    for aside in (0.5, -0.7, 2.5):
+        measurement = worst("lateral_offset", locate_drive(road, along(road, 10.0, aside)))
+        assert measurement is not None
+        assert measurement.value == pytest.approx(abs(aside), abs=1e-4)
+        assert measurement.side == ("left" if aside > 0.0 else "right")
+
+
 def test_a_wider_lane_leaves_more_room_on_its_right() -> None:
     wider = np.array([[0.0, 0.6], [200.0, 0.6]])
     road = Road(np.zeros(21), widening=wider)

@@ -39,6 +39,10 @@ DRIVER: Final = "driver"
 """Criterion of the driver's own faults: every fault breaches it."""
 EDGE_DISTANCE: Final = "edge_distance"
 """Name of the signal that is the distance between the car's outline and its lane's edges."""
+LATERAL_OFFSET: Final = "lateral_offset"
+"""Name of the signal that is the distance of the car's centre from the middle of its lane."""
+LATERAL_JERK: Final = "lateral_jerk"
+"""Name of the signal that is the change of the lateral acceleration."""
 COMPETITION: Final = "competition"
 """Name of the criteria set that is empty: only leaving the lane counts."""
 _TEXT_ENTRIES: Final = ("about", "left_out")
@@ -88,6 +92,13 @@ SIGNALS: Final[Mapping[str, Signal]] = MappingProxyType(
                 is_least=True,
             ),
             Signal(
+                LATERAL_OFFSET,
+                "m",
+                "of the centre of mass from the middle of its lane, to either side",
+                scale=1.0,
+                has_sides=True,
+            ),
+            Signal(
                 "lateral_acceleration",
                 "m/s²",
                 "of the centre of mass across the car, to either side",
@@ -95,7 +106,7 @@ SIGNALS: Final[Mapping[str, Signal]] = MappingProxyType(
                 has_sides=True,
             ),
             Signal(
-                "lateral_jerk",
+                LATERAL_JERK,
                 "m/s³",
                 "change of the lateral acceleration, to either side",
                 scale=5.0,

@@ -18,7 +18,13 @@ import numpy.typing as npt
 
 from frenetic._support.arrays import FloatArray
 from frenetic._support.compiled import njit
-from frenetic.criteria.criterion import EDGE_DISTANCE, Criterion, signal_named
+from frenetic.criteria.criterion import (
+    EDGE_DISTANCE,
+    LATERAL_JERK,
+    LATERAL_OFFSET,
+    Criterion,
+    signal_named,
+)
 from frenetic.errors import FreneticError
 from frenetic.oracle.drive import CarBody, Drive, Rules, Trajectory
 from frenetic.oracle.rates import TIME_ROUNDING, rate
@@ -182,10 +188,13 @@ def _standing(located: LocatedDrive, _: float) -> FloatArray:
 _SERIES: Final[Mapping[str, _Series]] = MappingProxyType(
     {
         EDGE_DISTANCE: lambda located, _: located.edge_distances.min(axis=1),
+        LATERAL_OFFSET: lambda located, window: mean(
+            located.path.time, located.lateral_offset, window
+        ),
         "lateral_acceleration": lambda located, window: mean(
             located.path.time, located.path.lateral_acceleration, window
         ),
-        "lateral_jerk": lambda located, window: rate(
+        LATERAL_JERK: lambda located, window: rate(
             located.path.time, located.path.lateral_acceleration, window
         ),
         "yaw_rate": lambda located, window: np.degrees(
