@@ -71,6 +71,7 @@ MANY_PARAMETERS: Final = {
     "simulators/drive_loop.py:run_drive": "all that a simulator gives the loop, by keyword",
     "simulators/embedded/simulator.py:__init__": OPTIONS,
     "testing/lane_test.py:keeps_lane": OPTIONS,
+    "testing/lane_test.py:steers_well": OPTIONS,
 }
 """Module and function -> why it may have many parameters.
 

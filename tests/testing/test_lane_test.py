@@ -6,8 +6,10 @@ import fnmatch
 import json
 import re
 import xml.etree.ElementTree as ET
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Any, Final
 
 import planted_drivers as planted
 import pytest
@@ -16,7 +18,7 @@ from hypothesis import strategies as st
 
 from frenetic.drivers import Planner
 from frenetic.errors import DriverError, FreneticError
-from frenetic.testing import keeps_lane
+from frenetic.testing import keeps_lane, steers_well
 from frenetic.testing.lane_test import FOLDER, NOTICES, DriverFailedError, memory_stem
 
 if TYPE_CHECKING:
@@ -49,14 +51,20 @@ raise SystemExit(pytest.main({["-p", "no:cacheprovider", *options]}))
 
 def report_of(driver: str, folder: Path, **options: int) -> str:
     """Run the test of a driver in this process; return its report, empty if it passes."""
+    decorate: Any = keeps_lane(**({"simulations": 150} | options))  # type: ignore[arg-type]
+    return report(decorate, getattr(planted, driver), folder)
 
-    @keeps_lane(**({"simulations": 150} | options))  # type: ignore[arg-type]
+
+def report(decorate: Any, make_driver: Callable[[], object], folder: Path) -> str:
+    """Run a decorated test in this process; return its report, empty if it passes."""
+
+    @decorate
     def test() -> object:
-        return getattr(planted, driver)()
+        return make_driver()
 
     place = folder / "test_here.py"
     place.write_text("")
-    test.__wrapped__.__code__ = test.__wrapped__.__code__.replace(co_filename=str(place))  # type: ignore[attr-defined]
+    test.__wrapped__.__code__ = test.__wrapped__.__code__.replace(co_filename=str(place))
     try:
         test()
     except DriverFailedError as error:
@@ -220,6 +228,80 @@ def test_a_test_that_returns_no_driver_is_refused() -> None:
         nothing()
     with pytest.raises(TypeError, match=r"with parentheses: @keeps_lane\(\)"):
         keeps_lane(nothing)  # type: ignore[arg-type]
+
+
+CAREFUL: Final = partial(Planner, lateral_acceleration=3.0, braking=2.0)
+"""A compiled driver that passes random roads."""
+
+
+def test_a_margin_that_is_too_small_fails_the_test(tmp_path: Path) -> None:
+    decorate = partial(keeps_lane, simulations=3, roads="urban-50,length=100")
+    passes = decorate(margin={"delay": 0.02, "friction": 0.9})
+    assert report(passes, CAREFUL, tmp_path) == ""
+    text = report(decorate(margin={"delay": 0.9}), CAREFUL, tmp_path)
+    title, _, first, second, *_ = text.splitlines()
+    assert title == "1 margin too small; roads: urban-50, 50 km/h; criteria: competition"
+    assert re.fullmatch(r"delay: begins to fail at 0\.\d+ s, 0\.9 s is needed", first)
+    assert re.fullmatch(r"  \d+ of 80 random roads fail up to 0\.9 s", second)
+    assert "Drive them again: pytest" in text
+    assert not (tmp_path / FOLDER).exists()
+
+
+def test_a_driver_that_steers_badly_fails_on_roads_that_are_remembered(tmp_path: Path) -> None:
+    decorate = partial(steers_well, roads="rural-80,length=300", simulations=8)
+    assert report(decorate(offset=1.5, jerk=9.0), CAREFUL, tmp_path) == ""
+    text = report(decorate(offset=0.05, jerk=9.0), CAREFUL, tmp_path)
+    title = "5 failures in 8 simulations; roads: rural-80, 80 km/h; criteria: competition: lateral"
+    assert text.startswith(f"{title} offset at most 0.05 m, lateral jerk at most 9 m/s³")
+    assert "The driver exceeds the limit of lateral offset" in text
+    assert sorted((tmp_path / FOLDER).glob("*.json"))
+    again = report(decorate(offset=0.05, simulations=1), CAREFUL, tmp_path)
+    assert "on which it failed before" in again
+    assert report(decorate(offset=1.5, simulations=1), CAREFUL, tmp_path) == ""
+    jerky = report(decorate(criteria={"lateral_jerk": 9.0}, jerk=0.1), CAREFUL, tmp_path)
+    assert "lateral jerk" in jerky, "the argument wins"
+
+
+@pytest.mark.parametrize(
+    ("decorator", "arguments", "words"),
+    [
+        (keeps_lane, {"margin": {"delya": 0.1}}, "unknown condition 'delya'; did you mean 'delay'"),
+        (keeps_lane, {"margin": {"delay": 11.0}}, "delay is 11: 0 to 10 s is needed"),
+        (steers_well, {}, "steers_well has no limit"),
+        (steers_well, {"offset": -0.1}, "lateral_offset is -0.1: at least 0"),
+        (steers_well, {"offset": 0.1, "simulations": 0}, "simulations is 0"),
+        (steers_well, {"criteria": "iso"}, "there are no criteria 'iso'"),
+    ],
+)
+def test_mistakes_about_limits_are_reported_at_the_declaration(
+    decorator: Any, arguments: dict[str, object], words: str
+) -> None:
+    with pytest.raises((FreneticError, ValueError), match=words):
+        decorator(**arguments)
+
+
+@pytest.mark.heavy
+def test_both_marks_are_known_and_their_failures_have_no_traceback(
+    interpreter: Interpreter, tmp_path: Path
+) -> None:
+    text = """
+from frenetic.testing import steers_well
+
+@steers_well(offset=0.05, simulations=4)
+def test_well():
+    return planted.Sound()
+
+@keeps_lane(simulations=2, margin={"delay": 0.9})
+def test_margin():
+    return planted.Sound()
+"""
+    result = run_pytest(interpreter, tmp_path, text, "-m", "steers_well or keeps_lane")
+    assert "2 failed" in result.stdout
+    assert "The driver exceeds the limit of lateral offset" in result.stdout
+    assert "delay: begins to fail at" in result.stdout
+    assert "Traceback" not in result.stdout
+    assert "lane_test.py" not in result.stdout
+    assert "PytestUnknownMarkWarning" not in result.stdout
 
 
 @pytest.mark.heavy

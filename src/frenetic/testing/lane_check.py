@@ -15,12 +15,14 @@ from frenetic._support.files import write_file
 from frenetic._support.words import counted
 from frenetic.campaign import Budget, Campaign, CampaignStore, Event, RoadTester, Test
 from frenetic.campaign.defaults import MAX_IN_FLIGHT
-from frenetic.criteria.criterion import COMPETITION
+from frenetic.criteria.criterion import COMPETITION, criteria_sets
 from frenetic.drivers import Driver
 from frenetic.errors import FreneticError
 from frenetic.oracle.drive import Drive
 from frenetic.oracle.outcome import Outcome
 from frenetic.oracle.verdict import Result, judge
+from frenetic.rerun.margin import measure_margins
+from frenetic.rerun.margin_quantities import RequiredAmount, measured_quantities
 from frenetic.rerun.minimise import Minimised, minimise_causes
 from frenetic.road import Road
 from frenetic.road.files import entries_of, read_road
@@ -56,6 +58,8 @@ class LaneCheck:
     """Id of the test."""
     stem: str
     """Beginning of the names of the test's road files."""
+    margin: Sequence[RequiredAmount] = ()
+    """Amounts of conditions before which the driver must not begin to fail."""
     notices: list[str] = field(default_factory=list)
     """Notices for the user, added by `failure_text`."""
 
@@ -71,7 +75,8 @@ class LaneCheck:
             if failures:
                 title = f"It fails on {counted(len(failures), 'road')} on which it failed before"
                 return self._message(title, failures)
-            return self._search(tester)
+            text = self._search(tester)
+        return text or self._margin_text(tester)
 
     def _drive_remembered(self, tester: RoadTester) -> Iterator[list[str]]:
         """Drive the remembered roads, and yield the lines about each road that fails."""
@@ -133,6 +138,32 @@ class LaneCheck:
             failures = counted(summary.failures, "failure")
             title = f"{failures} in {counted(summary.simulations, 'simulation')}"
             return self._message(title, lines, summary.not_repeatable)
+
+    def _margin_text(self, tester: RoadTester) -> str:
+        """Measure margins, and return the message about those too small; empty if there are none.
+
+        Each range ends at the required amount, so that few drives are needed where it is borne.
+        """
+        if not self.margin:
+            return ""
+        quantities = measured_quantities(tester, {}, self.margin)
+        seed = self.spec.seed or 0
+        with TemporaryDirectory(prefix="frenetic-") as folder:
+            margins = measure_margins(tester, quantities, seed=seed, out=Path(folder) / "margins")
+        shortfalls = margins.shortfalls(self.margin)
+        if not shortfalls:
+            return ""
+        title = f"{counted(len(shortfalls), 'margin')} too small"
+        failures = [
+            [
+                text,
+                f"  {margin.never.total - margin.never.count} of {margin.never.total} random"
+                f" roads fail up to {margin.quantity.text(margin.quantity.end)}",
+            ]
+            for margin in margins.margins
+            if (text := shortfalls.get(margin.quantity.key)) is not None
+        ]
+        return self._message(title, failures, " ".join(margins.notes))
 
     def _remember_causes(self, store: CampaignStore, tester: RoadTester) -> Iterator[list[str]]:
         """Shorten and write a road of each of the most frequent causes; yield lines about it."""
@@ -204,7 +235,10 @@ class LaneCheck:
         """
         spec = self.spec
         roads = COMPETITION if spec.road_class is None else spec.road_class.as_text()
-        lines = [f"{title}; roads: {roads}; criteria: {spec.rules.criteria.name}"]
+        criteria = spec.rules.criteria
+        is_known = criteria_sets().get(criteria.name) == criteria
+        criteria_text = criteria.name if is_known else criteria.as_text()
+        lines = [f"{title}; roads: {roads}; criteria: {criteria_text}"]
         for failure in failures:
             lines += ["", *failure]
         if note:

@@ -1,9 +1,14 @@
-"""A driver's test for pytest: the driver keeps its lane on roads that a search looks for.
+"""Drivers' tests for pytest: a driver keeps its lane on roads that a search looks for, and well.
 
 ::
 
-    @keeps_lane(roads="rural-80", criteria="after-iso-11270", simulations=300)
+    @keeps_lane(roads="rural-80", simulations=300, margin={"delay": 0.1})
     def test_my_driver():
+        return MyDriver()
+
+
+    @steers_well(roads="rural-80", offset=0.3, jerk=2.0)
+    def test_its_comfort():
         return MyDriver()
 
 Roads on which the driver failed once lie beside the test, in `FOLDER`, and are driven first.
@@ -13,15 +18,19 @@ from __future__ import annotations
 
 import functools
 import inspect
+import math
 import os
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, Final, TypeVar
 
 from frenetic._support.bounds import require_count
+from frenetic.conditions.condition import condition_named
+from frenetic.criteria.criterion import LATERAL_JERK, LATERAL_OFFSET
 from frenetic.errors import DriverError, FreneticError
+from frenetic.rerun.margin_quantities import RequiredAmount
 from frenetic.spec import Spec
 from frenetic.testing.lane_check import LaneCheck, short_digest
 
@@ -58,6 +67,7 @@ def keeps_lane(
     conditions: Mapping[str, float] = MappingProxyType({}),
     speed_limit: float | None = None,
     oob_tolerance: float | None = None,
+    margin: Mapping[str, float] = MappingProxyType({}),
 ) -> Callable[[TestFunction], TestFunction]:
     """Decorate a function that returns a driver: it becomes a test that the driver keeps its lane.
 
@@ -82,14 +92,18 @@ def keeps_lane(
         conditions: name of a condition -> amount, as for ``--with``.
         speed_limit: speed limit in km/h; by default the roads' limit.
         oob_tolerance: share of the car that may be outside its lane; 0.95 by default.
+        margin: name of a condition -> amount. After the search, which has found nothing, the driver
+            must not fail up to this amount on 95 % of 80 random roads, see `frenetic.rerun.margin`.
+            Each condition takes 560 drives, which ``seconds`` does not limit.
 
     Raises:
         TypeError: the decorator was written without parentheses.
         ValueError: an argument is out of range.
-        FreneticError: the roads, the criteria or the simulator are unknown.
+        FreneticError: the roads, the criteria, a condition or the simulator are unknown.
     """
     if function is not None:
         raise TypeError("keeps_lane is needed with parentheses: @keeps_lane()")
+    required = [(name, condition_named(name).require(value)) for name, value in margin.items()]
     require_count("simulations", simulations)
     if not seconds > 0.0:
         raise ValueError(f"seconds is {seconds}: a positive number is needed")
@@ -102,22 +116,98 @@ def keeps_lane(
         "simulations": simulations,
         "seed": seed,
     }
-    spec = Spec(**entries)
+    return _decorator(Spec(**entries), seconds, "keeps_lane", required)
+
+
+def steers_well(
+    function: None = None,
+    /,
+    *,
+    offset: float | None = None,
+    jerk: float | None = None,
+    criteria: str | Mapping[str, Any] = "competition",
+    roads: str | Mapping[str, Any] = "competition",
+    simulations: int = 100,
+    seed: int = 0,
+    simulator: str = "embedded",
+    conditions: Mapping[str, float] = MappingProxyType({}),
+) -> Callable[[TestFunction], TestFunction]:
+    """Decorate a function that returns a driver: it becomes a test that the driver steers well.
+
+    The driver drives random roads, and fails on a road where it exceeds a limit or leaves its lane.
+    As with `keeps_lane`, failing roads are shortened, written into `FOLDER`, and driven first.
+
+    Args:
+        offset: largest distance of the car's centre from the middle of its lane, in m.
+        jerk: largest lateral jerk, the mean of 0.5 s, in m/s³.
+        criteria: further limits, as for `keeps_lane`; ``offset`` and ``jerk`` win.
+        roads: name of a road class, as for ``--roads``, or the values of a class.
+        simulations: number of random roads; after 20 failures no further road is driven.
+        seed: seed of the random roads.
+        simulator: name of the simulator with options, as for ``--simulator``.
+        conditions: name of a condition -> amount, as for ``--with``.
+
+    Raises:
+        TypeError: the decorator was written without parentheses.
+        ValueError: an argument is out of range, or there is no limit.
+        FreneticError: the roads, the criteria or the simulator are unknown.
+    """
+    if function is not None:
+        raise TypeError("steers_well is needed with parentheses: @steers_well(offset=0.3)")
+    require_count("simulations", simulations)
+    limits = {
+        name: limit
+        for name, limit in ((LATERAL_OFFSET, offset), (LATERAL_JERK, jerk))
+        if limit is not None
+    }
+    named = Spec(criteria=dict(criteria) if isinstance(criteria, Mapping) else criteria)
+    limited = named.rules.criteria.with_limits(limits)
+    if not limited:
+        raise ValueError("steers_well has no limit: give it an offset, a jerk or criteria")
+    entries: dict[str, Any] = {
+        "strategy": "random",
+        "criteria": limited.entry(),
+        "roads": dict(roads) if isinstance(roads, Mapping) else roads,
+        "conditions": dict(conditions) if isinstance(conditions, Mapping) else conditions,
+        "simulator": simulator,
+        "simulations": simulations,
+        "seed": seed,
+    }
+    return _decorator(Spec(**entries), math.inf, "steers_well")
+
+
+def _decorator(
+    spec: Spec, seconds: float, mark: str, margin: Sequence[RequiredAmount] = ()
+) -> Callable[[TestFunction], TestFunction]:
+    """Return the decorator that makes a test of a function that returns a driver.
+
+    Args:
+        spec: spec of the search.
+        seconds: wall time after which the search ends, in s.
+        mark: name of pytest's mark.
+        margin: amounts of conditions before which the driver must not begin to fail.
+    """
     spec.terms  # noqa: B018  # a fault is refused when the test is decorated, not when it runs
 
     def decorate(function: TestFunction) -> TestFunction:
         @functools.wraps(function)
         def test(*args: Any, **kwargs: Any) -> None:
             __tracebackhide__ = True  # pytest leaves this frame out of tracebacks
-            _check_driver(function, function(*args, **kwargs), spec, seconds)
+            _check_driver(function, function(*args, **kwargs), spec, seconds, margin)
 
-        marked: TestFunction = _marked(test)
+        marked: TestFunction = _marked(test, mark)
         return marked
 
     return decorate
 
 
-def _check_driver(function: Callable[..., Any], driver: Any, spec: Spec, seconds: float) -> None:
+def _check_driver(
+    function: Callable[..., Any],
+    driver: Any,
+    spec: Spec,
+    seconds: float,
+    margin: Sequence[RequiredAmount],
+) -> None:
     """Check that a driver keeps its lane.
 
     Args:
@@ -125,6 +215,7 @@ def _check_driver(function: Callable[..., Any], driver: Any, spec: Spec, seconds
         driver: the driver, not checked yet.
         spec: spec of the search.
         seconds: wall time after which the search ends, in s.
+        margin: amounts of conditions before which the driver must not begin to fail.
 
     Raises:
         DriverError: the function returned no driver.
@@ -140,7 +231,7 @@ def _check_driver(function: Callable[..., Any], driver: Any, spec: Spec, seconds
         )
     file, name = Path(inspect.getfile(function)), _name_of(function)
     stem = memory_stem(file.stem, name)
-    check = LaneCheck(spec, seconds, driver, file.parent / FOLDER, name, stem)
+    check = LaneCheck(spec, seconds, driver, file.parent / FOLDER, name, stem, margin)
     try:
         text = check.failure_text()
     finally:
@@ -149,13 +240,13 @@ def _check_driver(function: Callable[..., Any], driver: Any, spec: Spec, seconds
         raise DriverFailedError(text)
 
 
-def _marked(test: Callable[..., Any]) -> Any:
-    """Return a test with the mark by which ``pytest -m keeps_lane`` finds it."""
+def _marked(test: Callable[..., Any], mark: str) -> Any:
+    """Return a test with a mark, by which ``pytest -m keeps_lane`` finds it."""
     try:
         import pytest  # without pytest the test runs as well
     except ImportError:
         return test
-    return pytest.mark.keeps_lane(test)
+    return getattr(pytest.mark, mark)(test)
 
 
 def _name_of(function: Callable[..., Any]) -> str:

@@ -1,4 +1,4 @@
-"""The pytest plug-in: it registers the mark ``keeps_lane`` and shows the notices of such tests."""
+"""The pytest plug-in: it registers the marks of drivers' tests, and shows the tests' notices."""
 
 from __future__ import annotations
 
@@ -12,11 +12,17 @@ _PROPERTY: Final = "frenetic"
 """Name of the property that holds a test's notices, in its report and in JUnit files."""
 
 
+_MARKS: Final = {
+    "keeps_lane": "a driver's test that searches for failing roads, by Frenetic",
+    "steers_well": "a driver's test that drives random roads within limits, by Frenetic",
+}
+"""Mark of drivers' tests -> description."""
+
+
 def pytest_configure(config: pytest.Config) -> None:
-    """Register the mark ``keeps_lane``."""
-    config.addinivalue_line(
-        "markers", "keeps_lane: a driver's test that searches for failing roads, by Frenetic"
-    )
+    """Register the marks of drivers' tests."""
+    for mark, description in _MARKS.items():
+        config.addinivalue_line("markers", f"{mark}: {description}")
 
 
 @pytest.hookimpl(wrapper=True)
@@ -38,7 +44,8 @@ def pytest_runtest_makereport(
     """Show the errors of `lane_test.SHOWN` as a message, without a traceback."""
     report = yield
     lane_test = sys.modules.get("frenetic.testing.lane_test")
-    if lane_test and call.when == "call" and item.get_closest_marker("keeps_lane") and call.excinfo:
+    is_ours = any(item.get_closest_marker(mark) for mark in _MARKS)
+    if lane_test and call.when == "call" and is_ours and call.excinfo:
         error = call.excinfo.value
         if isinstance(error, lane_test.SHOWN):
             report.longrepr = str(error)
