@@ -30,9 +30,10 @@ from frenetic.conditions.condition import SEED
 from frenetic.conditions.domain import Domain
 from frenetic.errors import CampaignError, FreneticError
 from frenetic.oracle.outcome import Outcome
-from frenetic.rerun.margin import ConditionMargin, Margins, margins_of, measure_margins
+from frenetic.rerun.margin import measure_margins
 from frenetic.rerun.margin_junit import margin_junit
-from frenetic.rerun.margin_quantities import Quantity, measured_quantities
+from frenetic.rerun.margin_quantities import MarginQuantity, measured_quantities
+from frenetic.rerun.margin_results import ConditionMargin, Margins, margins_of
 from frenetic.rerun.margin_search import MOST_DRIVES, MarginRoad, MarginSearch, draw_roads
 from frenetic.road.classes import RoadClass
 from frenetic.search.records import Candidate, Evaluation, Origin
@@ -41,11 +42,11 @@ from frenetic.simulators.embedded import Vehicle
 from frenetic.spec.terms import Terms
 from frenetic.testing import DummyDriver, DummySimulator
 
-DELAY = Quantity("delay", 0.0, 1.0, 0.0)
-OFFSET_LEFT = Quantity("steering_offset", 0.0, 0.2, 0.0)
-OFFSET_RIGHT = Quantity("steering_offset", 0.0, -0.2, 0.0)
-FRICTION = Quantity("friction", 1.0, 0.01, 1.0)
-VIEW = Quantity("view", math.inf, 1.0, 500.0)
+DELAY = MarginQuantity("delay", 0.0, 1.0, 0.0)
+OFFSET_LEFT = MarginQuantity("steering_offset", 0.0, 0.2, 0.0)
+OFFSET_RIGHT = MarginQuantity("steering_offset", 0.0, -0.2, 0.0)
+FRICTION = MarginQuantity("friction", 1.0, 0.01, 1.0)
+VIEW = MarginQuantity("view", math.inf, 1.0, 500.0)
 Verdict = Callable[[Candidate], bool]
 
 
@@ -56,7 +57,7 @@ def straight(number: int, length: float = 200.0, **fields: object) -> MarginRoad
 
 
 def measured(
-    quantities: list[Quantity],
+    quantities: list[MarginQuantity],
     fails: Verdict,
     roads: list[MarginRoad] | int,
     order: Callable[[list[Candidate]], object] = lambda _: None,
@@ -135,7 +136,7 @@ def test_the_margin_of_delay_is_where_a_proportional_driver_turns_unstable(
     driver = Proportional(offset_gain, heading_gain)
     simulator = EmbeddedSimulator(start_offset=0.3)
     tester = RoadTester(simulator, driver, Terms.of_class(RoadClass.of("rural-80")))
-    delay = Quantity("delay", 0.0, 2.0, 0.0)
+    delay = MarginQuantity("delay", 0.0, 2.0, 0.0)
     (margin,) = measured([delay], drive_all(tester), [straight(1, 1000.0)])
     expected = critical_delay(driver, Vehicle().steering_lag, 0.05)
     assert margin.amount == pytest.approx(expected, rel=0.1)
@@ -282,7 +283,7 @@ def test_a_usual_drive_serves_all_quantities_with_equal_usual_conditions() -> No
 
 
 def test_a_gust_keeps_its_place_and_noise_its_seed_on_a_road() -> None:
-    gust, noise = Quantity("gust", 0.0, 40.0, 0.0), Quantity("noise", 0.0, 2.0, 0.0)
+    gust, noise = MarginQuantity("gust", 0.0, 40.0, 0.0), MarginQuantity("noise", 0.0, 2.0, 0.0)
     conditions: list[dict[str, float]] = []
 
     def fails(candidate: Candidate) -> bool:
@@ -349,7 +350,7 @@ def test_quantities_follow_from_the_declarations_of_conditions() -> None:
     (view,) = measured_quantities(tester, {"view": None})
     assert view == VIEW
     (to_right,) = measured_quantities(tester, {"steering_offset": -0.1})
-    assert to_right == Quantity("steering_offset", 0.0, -0.1, 0.0)
+    assert to_right == MarginQuantity("steering_offset", 0.0, -0.1, 0.0)
 
 
 def test_a_simulator_without_friction_has_fewer_default_quantities() -> None:

@@ -29,8 +29,8 @@ from frenetic.cli.options import (
 if TYPE_CHECKING:
     from frenetic.campaign import Event, RoadTester, Summary
     from frenetic.rerun.campaigns import DrivingOptions
-    from frenetic.rerun.margin import Margins
-    from frenetic.rerun.margin_quantities import Quantity, RequiredAmount
+    from frenetic.rerun.margin_quantities import MarginQuantity, RequiredAmount
+    from frenetic.rerun.margin_results import Margins
 
 
 @click.command()
@@ -159,7 +159,7 @@ def _tester(campaign: Path | None, options: CommandOptions) -> RoadTester:
 def _measure(
     log: Log,
     tester: RoadTester,
-    quantities: Sequence[Quantity],
+    quantities: Sequence[MarginQuantity],
     driving: DrivingOptions,
     *,
     roads: int,

@@ -22,7 +22,7 @@ from frenetic.report.style import (
     one_line,
     write_figure,
 )
-from frenetic.rerun.margin import SHARE, ConditionMargin, Margins
+from frenetic.rerun.margin_results import SHARE, ConditionMargin, Margins
 
 # Sizes in inches, our choice.
 _ROW: Final = 0.34  # height of a row

@@ -10,8 +10,8 @@ from typing import Final
 from frenetic._support.files import write_file
 from frenetic.errors import CampaignError
 from frenetic.rerun.junit import add_properties, xml_text
-from frenetic.rerun.margin import ConditionMargin, Margins
 from frenetic.rerun.margin_quantities import RequiredAmount
+from frenetic.rerun.margin_results import ConditionMargin, Margins
 
 SUITE: Final = "frenetic margin"
 """Name of the root element of a file."""

@@ -49,7 +49,7 @@ choice."""
 
 
 @dataclass(frozen=True)
-class Quantity:
+class MarginQuantity:
     """A condition, to one side of its usual amount."""
 
     condition: str
@@ -136,7 +136,7 @@ def measured_quantities(
     tester: RoadTester,
     ends: Mapping[str, float | None] | None = None,
     at_least: Iterable[RequiredAmount] = (),
-) -> list[Quantity]:
+) -> list[MarginQuantity]:
     """Return the quantities of which margins are measured.
 
     Args:
@@ -151,7 +151,7 @@ def measured_quantities(
         FreneticError: a condition is unknown, or simulator or driver cannot have it.
         ValueError: an end is the usual amount, or not allowed; or a condition is no quantity.
     """
-    quantities: dict[str, Quantity] = {}
+    quantities: dict[str, MarginQuantity] = {}
     by_default = ends is None
     for name, end in (dict.fromkeys(DEFAULT_CONDITIONS) if ends is None else ends).items():
         with suppress(*(FreneticError, ValueError) if by_default else ()):
@@ -165,7 +165,9 @@ def measured_quantities(
     return list(quantities.values())
 
 
-def _add(quantities: dict[str, Quantity], tester: RoadTester, name: str, end: float | None) -> None:
+def _add(
+    quantities: dict[str, MarginQuantity], tester: RoadTester, name: str, end: float | None
+) -> None:
     """Add the quantities of a condition, by their keys.
 
     Raises:
@@ -191,7 +193,7 @@ def _check(tester: RoadTester, name: str, amount: float) -> None:
     check_pair_in(amounts, tester.simulator, tester.driver)
 
 
-def _quantity_to(tester: RoadTester, name: str, end: float) -> Quantity:
+def _quantity_to(tester: RoadTester, name: str, end: float) -> MarginQuantity:
     """Return the quantity of a condition from its usual amount to an end.
 
     Raises:
@@ -205,7 +207,7 @@ def _quantity_to(tester: RoadTester, name: str, end: float) -> Quantity:
     nearest = usual
     if math.isinf(usual):
         nearest = max(_REACH * condition.usual[1], 2.0 * end)
-    return Quantity(name, usual, float(end), nearest)
+    return MarginQuantity(name, usual, float(end), nearest)
 
 
 def _usual_amount(tester: RoadTester, condition: Condition) -> float:

@@ -17,7 +17,7 @@ import numpy as np
 from frenetic.campaign.tester import RoadTester
 from frenetic.conditions.condition import SEED, known_conditions, without
 from frenetic.oracle.outcome import Outcome
-from frenetic.rerun.margin_quantities import Quantity
+from frenetic.rerun.margin_quantities import MarginQuantity
 from frenetic.road import profile
 from frenetic.search.conditions import draw_conditions
 from frenetic.search.operator_names import RANDOM
@@ -65,7 +65,7 @@ class MarginRoad:
         place = round(float(rng.random()) * candidate.length, 1)
         return cls(candidate, place, int(rng.integers(_SEEDS)))
 
-    def conditions(self, quantity: Quantity, share: float) -> dict[str, float]:
+    def conditions(self, quantity: MarginQuantity, share: float) -> dict[str, float]:
         """Return the conditions of the drive at a share of a quantity's range."""
         name = quantity.condition
         recorded = self.candidate.conditions
@@ -87,7 +87,7 @@ class AmountSearch:
 
     road: MarginRoad
     """The road."""
-    quantity: Quantity
+    quantity: MarginQuantity
     """The quantity."""
     failed: dict[float, bool] = field(default_factory=dict)
     """Share of the range that was driven -> whether the drive failed."""
@@ -157,16 +157,16 @@ class MarginSearch(Strategy):
 
     def __init__(
         self,
-        quantities: Sequence[Quantity],
+        quantities: Sequence[MarginQuantity],
         random_roads: Sequence[MarginRoad],
         demanding_roads: Sequence[MarginRoad],
         options: Mapping[str, Any],
     ) -> None:
         self.options = dict(options)
         self.random_searches = _searches(quantities, random_roads)
-        """Quantity -> its searches on the random roads, in the order of the roads."""
+        """MarginQuantity -> its searches on the random roads, in the order of the roads."""
         self.demanding_searches = _searches(quantities, demanding_roads)
-        """Quantity -> its searches on the demanding roads, in the order of the roads."""
+        """MarginQuantity -> its searches on the demanding roads, in the order of the roads."""
         self._ledger = Ledger()
         self._drives = deque[_WantedDrive]()  # wanted and not proposed
         self._in_flight: dict[
@@ -252,8 +252,8 @@ class MarginSearch(Strategy):
 
 
 def _searches(
-    quantities: Sequence[Quantity], roads: Sequence[MarginRoad]
-) -> dict[Quantity, list[AmountSearch]]:
+    quantities: Sequence[MarginQuantity], roads: Sequence[MarginRoad]
+) -> dict[MarginQuantity, list[AmountSearch]]:
     """Return quantity -> its searches on these roads."""
     return {quantity: [AmountSearch(road, quantity) for road in roads] for quantity in quantities}
 
