@@ -55,6 +55,9 @@ CALLS: Final = {
         "name test road reason match drives ending trouble conditions length length_before"
     ),
     "estimate --odd odd.toml --drives 100": "domain method rate low high drives failures",
+    "margin --of delay --random-roads 2 --out m": (
+        "domain driver simulator share roads demanding_roads seed drives folder margins shortfalls"
+    ),
     "compare one=c two=d": "about groups measures notes order",
     "compare c --driver aggression=0.9 --fresh 2": (
         "answer verdict difference time_difference old new fresh known causes notes seed domain"
@@ -192,6 +195,26 @@ MISTAKES: Final = [
     ("estimate --odd odd.toml --with friction=0.5", "friction is given, and odd draws it"),
     ("estimate --odd nowhere.toml", "nowhere.toml"),
     ("estimate --odd odd.toml --drives 5", "100"),
+    ("margin nowhere", "nowhere does not exist"),
+    ("margin c --driver stanley", "c is driven as before: leave out the options"),
+    ("margin --of dealy", "unknown condition 'dealy'; did you mean 'delay'?"),
+    ("margin --of delay=a", "'delay=a' is not NAME or NAME=AMOUNT, as in delay=0.5"),
+    ("margin --of delay=11", "delay is 11: 0 to 10 s is needed"),
+    ("margin --of delay=0", "delay 0 s is the usual amount"),
+    ("margin --of gust_at", "gust_at has no usual amount"),
+    ("margin --of delay --of delay=0.3", "--of delay is there twice"),
+    ("margin --of load --simulator metadrive", "MetaDriveSimulator cannot vary load"),
+    ("margin --of fog", "fog changes what a camera sees, and the driver has none"),
+    ("margin --at-least delay", "'delay' is not NAME=AMOUNT, as in delay=0.2"),
+    ("margin --at-least delay=nan", "'delay=nan' is not NAME=AMOUNT"),
+    ("margin --random-roads 0", "'--random-roads'", "0 is not"),
+    ("margin --of delay --plot margins.gif", "a picture's name must end with .png, .svg or .pdf"),
+    (
+        "margin --of delay --map-size 30",
+        "of 300 random roads are valid",
+        "none of 1000 random roads",
+    ),
+    ("margin --of delay --out c", "c holds another campaign: choose another place with --out"),
     ("run --odd odd.toml --strategy frenetic-2021", "searches roads alone"),
     ("compare nowhere", "nowhere is no folder"),
     ("compare c e", "1 group of campaigns", "at least two"),
