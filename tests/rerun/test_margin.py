@@ -11,6 +11,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -29,12 +30,20 @@ from frenetic.campaign import CampaignStore, Event, RoadTester
 from frenetic.conditions.condition import SEED
 from frenetic.conditions.domain import Domain
 from frenetic.errors import CampaignError, FreneticError
+from frenetic.oracle.drive import Rules
 from frenetic.oracle.outcome import Outcome
 from frenetic.rerun.margin import measure_margins
 from frenetic.rerun.margin_junit import margin_junit
 from frenetic.rerun.margin_quantities import MarginQuantity, measured_quantities
 from frenetic.rerun.margin_results import ConditionMargin, Margins, margins_of
-from frenetic.rerun.margin_search import MOST_DRIVES, MarginRoad, MarginSearch, draw_roads
+from frenetic.rerun.margin_search import (
+    MOST_DRIVES,
+    MarginRoad,
+    MarginSearch,
+    draw_roads,
+    in_any_size,
+    with_class_profiles,
+)
 from frenetic.road.classes import RoadClass
 from frenetic.search.records import Candidate, Evaluation, Origin
 from frenetic.search.strategy import SearchEnded
@@ -293,6 +302,80 @@ def test_a_gust_keeps_its_place_and_noise_its_seed_on_a_road() -> None:
     measured([gust, noise], fails, [straight(7)])
     assert {c["gust_at"] for c in conditions if "gust" in c} == {7.0}
     assert {c[SEED] for c in conditions if "noise" in c} == {7}
+
+
+# The radius of the road
+
+
+CLASS = RoadClass.of("rural-80", {"length": 600.0})
+SIZE = MarginQuantity("radius", 1.0, 0.2, 1.0)
+
+
+def of_class(driver: Driver | None = None, **options: Any) -> RoadTester:
+    return RoadTester(EmbeddedSimulator(**options), driver or Planner(), Terms.of_class(CLASS))
+
+
+def test_a_smaller_road_has_smaller_radii_and_the_same_lanes_slopes_and_places() -> None:
+    (road,) = draw_roads(of_class(), 1, 0)
+    gust = {"gust": 5.0, "gust_at": 100.0}
+    road = replace(road, candidate=replace(road.candidate, conditions=gust))
+    (road,) = with_class_profiles([road], CLASS)
+    small = road.at(SIZE, 0.75)
+    usual = road.candidate
+    straight = len(small.curvatures) - len(usual.curvatures)
+    assert not small.curvatures[:straight].any()
+    assert np.allclose(small.curvatures[straight:], usual.curvatures / 0.4)
+    assert small.length == pytest.approx(usual.length, abs=usual.step)
+    start = small.length - 0.4 * usual.length
+    assert small.conditions == {"gust": 5.0, "gust_at": pytest.approx(start + 40.0)}
+    assert small.superelevation is not None
+    assert usual.superelevation is not None
+    expected = usual.superelevation * (0.4, 1.0) + (start, 0.0)
+    assert np.allclose(small.superelevation, expected)
+    tester = in_any_size(of_class(), CLASS)
+    assert all(tester.fit_road(road.at(SIZE, i / 6))[1].valid for i in range(7))
+    assert not of_class().fit_road(small)[1].valid, "by the rules of its class"
+
+
+def test_a_road_of_usual_size_is_driven_as_in_its_class() -> None:
+    roads = draw_roads(of_class(), 3, 0)
+    for road, same_road in zip(roads, with_class_profiles(roads, CLASS), strict=True):
+        in_class = of_class().test(road.candidate)
+        in_size = in_any_size(of_class(), CLASS).test(same_road.at(SIZE, 0.0))
+        assert in_class.result == in_size.result
+
+
+def test_a_driver_that_does_not_slow_down_fails_where_grip_ends() -> None:
+    """The tyres hold on a radius of at least v² / (μ g): it grows with the square of the speed."""
+    factors = []
+    for speed in (75.0, 100.0):
+        rules = Rules(speed_limit=speed)
+        tester = of_class(Planner(lateral_acceleration=90.0), rules=rules, friction=0.5)
+        roads = with_class_profiles(draw_roads(tester, 20, 0), CLASS)
+        (margin,) = measured([SIZE], drive_all(in_any_size(tester, CLASS)), roads)
+        factors.append([limit.fails for limit in margin.limits])
+    pairs = [(slow, fast) for slow, fast in zip(*factors, strict=True) if slow and fast]
+    assert len(pairs) >= 15
+    ratio = np.median([fast / slow for slow, fast in pairs])
+    assert ratio == pytest.approx((100.0 / 75.0) ** 2, rel=0.25)
+
+
+def test_the_competitions_roads_have_no_margin_of_radius() -> None:
+    tester = RoadTester(EmbeddedSimulator(), Planner())
+    assert "radius" not in {quantity.condition for quantity in measured_quantities(tester)}
+    with pytest.raises(ValueError, match="name a road class to measure the radius"):
+        measured_quantities(tester, {"radius": None})
+    assert measured_quantities(of_class(), {"radius": None}) == [SIZE]
+
+
+def test_a_campaign_measures_the_radius_beside_other_quantities(tmp_path: Path) -> None:
+    quantities = measured_quantities(of_class(), {"radius": None, "delay": 0.4})
+    margins = measure_margins(of_class(), quantities, roads=2, out=tmp_path / "c")
+    alone = measure_margins(of_class(), quantities[1:], roads=2, out=tmp_path / "d")
+    assert margins.domain == "rural-80, 80 km/h"
+    assert [limit.fails for limit in margins.margins[1].limits] == [
+        limit.fails for limit in alone.margins[0].limits
+    ]
 
 
 # Quantiles

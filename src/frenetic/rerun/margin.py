@@ -24,13 +24,15 @@ from frenetic.criteria.criterion import COMPETITION
 from frenetic.errors import FreneticError
 from frenetic.oracle.outcome import Outcome
 from frenetic.rerun.campaigns import DrivingOptions, DrivingPlan, drive_missing, driving_campaign
-from frenetic.rerun.margin_quantities import MarginQuantity, measured_quantities
+from frenetic.rerun.margin_quantities import RADIUS, MarginQuantity, measured_quantities
 from frenetic.rerun.margin_results import Margins, margins_of
 from frenetic.rerun.margin_search import (
     MOST_DRIVES,
     MarginRoad,
     MarginSearch,
     draw_roads,
+    in_any_size,
+    with_class_profiles,
 )
 from frenetic.spec import Budget
 from frenetic.spec.part_record import describe
@@ -74,18 +76,19 @@ def measure_margins(
     """
     roads = require_count("roads", roads)
     check({"seed": seed}, measure_margins)
-    if quantities is None:
-        quantities = measured_quantities(tester)
-    quantities = require_list("quantities", quantities, "quantities")
+    measured = measured_quantities(tester) if quantities is None else quantities
+    quantities = require_list("quantities", measured, "quantities")
     if not quantities:
         raise ValueError("nothing is measured: name a condition")
     if campaign is None:
         options["out"] = options.get("out") or new_folder()
     random_roads = draw_roads(tester, roads, int(seed))
-    demanding_roads: list[MarginRoad] = []
-    created_at = None
-    if campaign is not None:
-        demanding_roads, created_at = _demanding_roads(campaign, random_roads)
+    demanding_roads, created_at = _demanding_roads(campaign, random_roads)
+    domain_text, road_class = _domain_text(tester), tester.terms.road_class
+    if road_class is not None and RADIUS.name in {each.condition for each in quantities}:
+        random_roads = with_class_profiles(random_roads, road_class)
+        demanding_roads = with_class_profiles(demanding_roads, road_class)
+        tester = in_any_size(tester, road_class)
     search = MarginSearch(
         quantities,
         random_roads,
@@ -108,7 +111,7 @@ def measure_margins(
     )
     driving = driving_campaign(campaign, plan, tester, options)
     _drive(driving, options)
-    return _result(driving, search, plan, tester)
+    return _result(driving, search, plan, tester, domain_text)
 
 
 def _drive(driving: Campaign, options: DrivingOptions) -> None:
@@ -132,12 +135,15 @@ def _drive(driving: Campaign, options: DrivingOptions) -> None:
 
 
 def _demanding_roads(
-    folder: Path | str, random_roads: Iterable[MarginRoad]
+    folder: Path | str | None, random_roads: Iterable[MarginRoad]
 ) -> tuple[list[MarginRoad], str]:
     """Return the roads of a campaign's passed tests of lowest MOOBD, and when the campaign began.
 
     The lowest MOOBD comes first. Each road has place and seed of a random road, in their order.
+    Without a campaign there are no such roads.
     """
+    if folder is None:
+        return [], ""
     with CampaignStore.open(folder) as store:
         passed = store.tests(Outcome.PASS, order_by="moobd", limit=DEMANDING, with_repeats=False)
         roads = [
@@ -147,8 +153,20 @@ def _demanding_roads(
         return roads, str(store.fact("created_at"))
 
 
+def _domain_text(tester: RoadTester) -> str:
+    """Return the roads and conditions of a tester in words."""
+    terms = tester.terms
+    if terms.domain is not None:
+        return terms.domain.name
+    return COMPETITION if terms.road_class is None else terms.road_class.as_text()
+
+
 def _result(
-    driving: Campaign, search: MarginSearch, plan: DrivingPlan, tester: RoadTester
+    driving: Campaign,
+    search: MarginSearch,
+    plan: DrivingPlan,
+    tester: RoadTester,
+    domain_text: str,
 ) -> Margins:
     """Return the margins from the drives of a campaign.
 
@@ -157,6 +175,7 @@ def _result(
         search: strategy of the campaign, which proposed the drives unless they were there before.
         plan: plan of the campaign.
         tester: tester that drove.
+        domain_text: roads and conditions in words.
 
     Raises:
         KeyboardInterrupt: drives are missing.
@@ -167,13 +186,10 @@ def _result(
         drives = store.counts().simulations
     if not search.is_complete:
         raise KeyboardInterrupt
-    terms, described = tester.terms, tester.described
-    domain = COMPETITION if terms.road_class is None else terms.road_class.as_text()
-    if terms.domain is not None:
-        domain = terms.domain.name
+    described = tester.described
     return Margins(
         margins_of(search),
-        domain,
+        domain_text,
         described["driver"],
         described["simulator"],
         search.options["seed"],

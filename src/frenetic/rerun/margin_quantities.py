@@ -1,7 +1,8 @@
 """Quantities of which a driver's margin is measured: a condition, to one side of its usual amount.
 
-A quantity runs from the usual amount, such as no delay, to the end of the measured range. Where the
-usual amount is infinite, as of the view, amounts are spaced by equal factors, else evenly.
+The size of the road, `RADIUS`, is a quantity, too, though no condition of a drive. A quantity runs
+from the usual amount, such as no delay, to the end of the measured range. Where the usual amount is
+infinite, as of the view, amounts are spaced by equal factors, else evenly.
 """
 
 from __future__ import annotations
@@ -33,6 +34,16 @@ DEFAULT_CONDITIONS: Final = (
     "gust",
 )
 """Conditions whose margins are measured by default, if simulator and driver can have them."""
+RADIUS: Final = Condition(
+    name="radius",
+    about="radius of the road's bends, as a factor: the road is smaller, after a straight",
+    low=0.05,
+    high=1.0,
+    usual=(0.92, 1.0),
+    no_effect=1.0,
+    words=("tighter bends, radius as a factor", "wider bends, radius as a factor"),
+)
+"""Declaration of the road's size, which is measured on roads of a class."""
 RequiredAmount: TypeAlias = tuple[str, float]
 """Name of a condition, and the amount that a driver has to bear."""
 _REACH: Final = 10.0
@@ -75,7 +86,7 @@ class MarginQuantity:
     @property
     def declaration(self) -> Condition:
         """Declaration of the condition."""
-        return condition_named(self.condition)
+        return _declaration(self.condition)
 
     @property
     def words(self) -> str:
@@ -143,7 +154,7 @@ def measured_quantities(
         tester: drives with a simulator, a driver and usual amounts.
         ends: name of a condition -> end of its range. None as an end means both sides, each ten
             times as far as the condition's usual range. By default all of `DEFAULT_CONDITIONS` that
-            simulator and driver can have.
+            simulator and driver can have and, for roads of a class, `RADIUS`.
         at_least: amounts that the driver has to bear. Their conditions are measured, too, at least
             up to these amounts.
 
@@ -153,7 +164,8 @@ def measured_quantities(
     """
     quantities: dict[str, MarginQuantity] = {}
     by_default = ends is None
-    for name, end in (dict.fromkeys(DEFAULT_CONDITIONS) if ends is None else ends).items():
+    defaults = dict.fromkeys((*DEFAULT_CONDITIONS, RADIUS.name))
+    for name, end in (defaults if ends is None else ends).items():
         with suppress(*(FreneticError, ValueError) if by_default else ()):
             _add(quantities, tester, name, end)
     for name, amount in at_least:
@@ -163,6 +175,15 @@ def measured_quantities(
             _check(tester, name, amount)
             quantities[required.key] = required
     return list(quantities.values())
+
+
+def _declaration(name: str) -> Condition:
+    """Return the declaration of a condition or of the road's size.
+
+    Raises:
+        FreneticError: the condition is unknown.
+    """
+    return RADIUS if name == RADIUS.name else condition_named(name)
 
 
 def _add(
@@ -188,7 +209,15 @@ def _check(tester: RoadTester, name: str, amount: float) -> None:
 
     Raises:
         FreneticError: they cannot.
+        ValueError: the roads have no class, and the condition is their radius.
     """
+    if name == RADIUS.name:
+        if tester.terms.road_class is None:
+            raise ValueError(
+                "the bends of the competition's roads are as tight as its rules allow: name a road"
+                " class to measure the radius"
+            )
+        return
     amounts = tester.terms.conditions_of({name: amount})
     check_pair_in(amounts, tester.simulator, tester.driver)
 
@@ -200,7 +229,7 @@ def _quantity_to(tester: RoadTester, name: str, end: float) -> MarginQuantity:
         FreneticError: the condition is unknown, or the simulator cannot have it.
         ValueError: the end is the usual amount, or not allowed; or the condition is no quantity.
     """
-    condition = condition_named(name)
+    condition = _declaration(name)
     usual = _usual_amount(tester, condition)
     if condition.require(end) == usual:
         raise ValueError(f"{condition.text(end)} is the usual amount: another amount is needed")
@@ -218,6 +247,8 @@ def _usual_amount(tester: RoadTester, condition: Condition) -> float:
         ValueError: the condition is a place or a seed, not a quantity, or has no usual amount.
     """
     name = condition.name
+    if condition is RADIUS:
+        return 1.0
     check_can_vary(tester.simulator, [name])
     if name in tester.terms.conditions:
         return float(tester.terms.conditions[name])
@@ -231,7 +262,7 @@ def _usual_amount(tester: RoadTester, condition: Condition) -> float:
 
 def _ends(tester: RoadTester, name: str) -> list[float]:
     """Return the ends of the default ranges of a condition, one or two amounts."""
-    condition = condition_named(name)
+    condition = _declaration(name)
     usual = _usual_amount(tester, condition)
     low, high = condition.usual
     if math.isinf(usual):

@@ -131,7 +131,7 @@ class ConditionMargin:
         nearer, farther = self.interval
         if nearer is None:
             return ""
-        return f"{self._text(nearer)} to {self._text(farther)}"
+        return f"{self._text(nearer)} to {'beyond' if farther is None else self._text(farther)}"
 
     def least_text(self) -> str:
         """Return the amount at which the demanding road that fails first fails.

@@ -17,8 +17,9 @@ import numpy as np
 from frenetic.campaign.tester import RoadTester
 from frenetic.conditions.condition import SEED, known_conditions, without
 from frenetic.oracle.outcome import Outcome
-from frenetic.rerun.margin_quantities import MarginQuantity
+from frenetic.rerun.margin_quantities import RADIUS, MarginQuantity
 from frenetic.road import profile
+from frenetic.road.classes import RoadClass
 from frenetic.search.conditions import draw_conditions
 from frenetic.search.operator_names import RANDOM
 from frenetic.search.random_roads import RandomRoads
@@ -33,6 +34,12 @@ OPERATOR: Final = "margin"
 """Operator in the origin of roads that come from another campaign."""
 _MAX_REDRAWS: Final = 1000
 """Largest number of roads that are drawn in a row until one is valid; our choice."""
+_LEAST_RADIUS: Final = 2.0
+"""Least radius of a road of any size, as a multiple of the lane's width; our choice."""
+_LEAST_CLOTHOID: Final = 1.0
+"""Least parameter of a clothoid of a road of any size, in m; our choice."""
+_LEAST_CREST: Final = 1.0
+"""Least radius of a crest or sag of a road of any size, in m; our choice."""
 _SEEDS: Final = 2**31
 """Number of seeds from which the seed of noise is drawn; our choice."""
 
@@ -65,7 +72,13 @@ class MarginRoad:
         place = round(float(rng.random()) * candidate.length, 1)
         return cls(candidate, place, int(rng.integers(_SEEDS)))
 
-    def conditions(self, quantity: MarginQuantity, share: float) -> dict[str, float]:
+    def at(self, quantity: MarginQuantity, share: float) -> Candidate:
+        """Return the candidate for the drive at a share of a quantity's range."""
+        if quantity.condition == RADIUS.name:
+            return _scaled(self.candidate, quantity.amount(share))
+        return replace(self.candidate, conditions=self._conditions(quantity, share))
+
+    def _conditions(self, quantity: MarginQuantity, share: float) -> dict[str, float]:
         """Return the conditions of the drive at a share of a quantity's range."""
         name = quantity.condition
         recorded = self.candidate.conditions
@@ -79,6 +92,31 @@ class MarginRoad:
         if quantity.declaration.is_seeded:
             conditions[SEED] = recorded.get(SEED, self.seed)
         return conditions
+
+
+def _scaled(candidate: Candidate, factor: float) -> Candidate:
+    """Return a candidate whose road is smaller by a factor, with lanes and slopes as they are.
+
+    The smaller road follows a straight, so that the whole is about as long as before and the car
+    comes as fast. Places of conditions such as gusts stay on the same bends.
+    """
+    if factor == 1.0:
+        return candidate
+    step = candidate.step * factor
+    straight = round((1.0 - factor) * candidate.length / step)  # steps of the straight
+    start = straight * step
+    profiles = {
+        name: values * (factor, 1.0) + (start, 0.0)
+        for name in profile.NAMES
+        if (values := getattr(candidate, name)) is not None
+    }
+    places = [name for name, known in known_conditions().items() if known.place_of]
+    conditions = {
+        name: start + factor * amount if name in places else amount
+        for name, amount in candidate.conditions.items()
+    }
+    curvatures = np.concatenate([np.zeros(straight), candidate.curvatures / factor])
+    return replace(candidate, curvatures=curvatures, step=step, conditions=conditions, **profiles)
 
 
 @dataclass
@@ -190,10 +228,9 @@ class MarginSearch(Strategy):
             usual: usual drives of all roads by road and conditions, to which drives are added.
         """
         for search in searches:
-            conditions = search.road.conditions(search.quantity, 0.0)
-            key = id(search.road), frozenset(conditions.items())
+            candidate = search.road.at(search.quantity, 0.0)
+            key = id(search.road), frozenset(candidate.conditions.items())
             if key not in usual:
-                candidate = replace(search.road.candidate, conditions=conditions)
                 usual[key] = _WantedDrive(candidate, [])
                 self._drives.append(usual[key])
             usual[key].searches.append((search, 0.0))
@@ -248,7 +285,9 @@ class MarginSearch(Strategy):
             if not search.awaited:
                 shares = search.next_shares()
                 search.awaited = len(shares)
-                self._drives += [_drive_at(search, next_share) for next_share in shares]
+                self._drives += [
+                    _WantedDrive(search.road.at(search.quantity, i), [(search, i)]) for i in shares
+                ]
 
 
 def _searches(
@@ -258,10 +297,37 @@ def _searches(
     return {quantity: [AmountSearch(road, quantity) for road in roads] for quantity in quantities}
 
 
-def _drive_at(search: AmountSearch, share: float) -> _WantedDrive:
-    """Return the drive at a share of a search's range."""
-    conditions = search.road.conditions(search.quantity, share)
-    return _WantedDrive(replace(search.road.candidate, conditions=conditions), [(search, share)])
+def in_any_size(tester: RoadTester, road_class: RoadClass) -> RoadTester:
+    """Return a tester whose roads may be smaller than the rules of their class allow.
+
+    Such roads need the profiles of their class, see `with_class_profiles`.
+    """
+    relaxed = replace(
+        road_class,
+        name=f"{road_class.name}, any radius",
+        min_radius=_LEAST_RADIUS * road_class.lane_width,
+        min_clothoid=_LEAST_CLOTHOID,
+        min_arc=0.0,
+        min_straight=0.0,
+        min_crest=_LEAST_CREST,
+        min_sag=_LEAST_CREST,
+        widening=0.0,
+    )
+    return replace(tester, terms=replace(tester.terms, road_class=relaxed))
+
+
+def with_class_profiles(roads: Iterable[MarginRoad], road_class: RoadClass) -> list[MarginRoad]:
+    """Return roads with the superelevation and widening that their class gives them."""
+    profiled = []
+    for road in roads:
+        candidate = road.candidate
+        profiles = {
+            name: values
+            for name, values in road_class.profiles(candidate.curvatures, candidate.step).items()
+            if getattr(candidate, name) is None
+        }
+        profiled.append(replace(road, candidate=replace(candidate, **profiles)))
+    return profiled
 
 
 def draw_roads(tester: RoadTester, count: int, seed: int) -> list[MarginRoad]:
