@@ -122,6 +122,7 @@ def shortened(text: str) -> str:
 
 
 PICTURES = {
+    "margin.md": {"margins.png": "margins.png"},
     "README.md": {
         "failure.png": "first/minimised/test-00409.png",
         "gallery.png": "first/failures/gallery.png",
@@ -256,8 +257,8 @@ CREATES = re.compile(
 )
 """Files and folders that a block creates."""
 READS = re.compile(
-    r"frenetic (?:calibrate|check|compare|drive|estimate|export|minimise|rank|report|rerun|resume"
-    r"|show) ([a-z][\w-]*)(?!\S*=)"
+    r"frenetic (?:calibrate|check|compare|drive|estimate|export|margin|minimise|rank|report|rerun"
+    r"|resume|show) ([a-z][\w-]*)(?!\S*=)"
 )
 """The folder or file that a command reads, up to its first dot or slash."""
 

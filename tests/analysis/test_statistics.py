@@ -21,6 +21,7 @@ from frenetic.analysis.statistics import (
     median_estimate,
     paired_share_difference,
     proportion_interval,
+    quantile_estimate,
     quartiles,
     rate_interval,
     spearman,
@@ -111,6 +112,33 @@ def test_the_interval_of_a_median_follows_from_the_sign_test(n: int) -> None:
     assert outside <= 0.05
     assert min(inside) == median.low + 1.0
     assert median.high == n + 1.0 - median.low
+
+
+# quantile_estimate
+
+
+@pytest.mark.parametrize("share", [0.05, 0.3, 0.5, 0.9])
+@pytest.mark.parametrize("n", [5, 59, 71, 72, 80, 300])
+def test_the_interval_of_a_quantile_misses_on_either_side_in_at_most_one_of_40(
+    n: int, share: float
+) -> None:
+    """The value at position i lies above the quantile if fewer than i values lie below it."""
+    quantile = quantile_estimate(np.arange(1.0, n + 1.0), share)
+    below = stats.binom(n, share)
+    if math.isfinite(quantile.low):
+        assert below.cdf(quantile.low - 1.0) <= 0.025 < below.cdf(quantile.low)
+    else:
+        assert below.cdf(0) > 0.025
+    if math.isfinite(quantile.high):
+        assert below.sf(quantile.high - 1.0) <= 0.025 < below.sf(quantile.high - 2.0)
+    else:
+        assert below.sf(n - 1.0) > 0.025
+    assert quantile.value == pytest.approx(np.quantile(np.arange(1.0, n + 1.0), share))
+
+
+def test_a_quantile_among_infinite_values_is_infinite() -> None:
+    quantile = quantile_estimate([0.0, 1.0, *[math.inf] * 98], 0.05)
+    assert (quantile.value, quantile.low, quantile.high) == (math.inf, 0.0, math.inf)
 
 
 # a12
