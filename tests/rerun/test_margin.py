@@ -318,10 +318,12 @@ def of_class(driver: Driver | None = None, **options: Any) -> RoadTester:
 def test_a_smaller_road_has_smaller_radii_and_the_same_lanes_slopes_and_places() -> None:
     (road,) = draw_roads(of_class(), 1, 0)
     gust = {"gust": 5.0, "gust_at": 100.0}
-    road = replace(road, candidate=replace(road.candidate, conditions=gust))
+    points = np.zeros((2, 2))  # where a road of a map lies
+    road = replace(road, candidate=replace(road.candidate, conditions=gust, points=points))
     (road,) = with_class_profiles([road], CLASS)
     small = road.at(SIZE, 0.75)
     usual = road.candidate
+    assert small.points is None
     straight = len(small.curvatures) - len(usual.curvatures)
     assert not small.curvatures[:straight].any()
     assert np.allclose(small.curvatures[straight:], usual.curvatures / 0.4)
@@ -333,7 +335,7 @@ def test_a_smaller_road_has_smaller_radii_and_the_same_lanes_slopes_and_places()
     expected = usual.superelevation * (0.4, 1.0) + (start, 0.0)
     assert np.allclose(small.superelevation, expected)
     tester = in_any_size(of_class(), CLASS)
-    assert all(tester.fit_road(road.at(SIZE, i / 6))[1].valid for i in range(7))
+    assert all(tester.fit_road(road.at(SIZE, i / 6))[1].valid for i in range(1, 7))
     assert not of_class().fit_road(small)[1].valid, "by the rules of its class"
 
 

@@ -46,7 +46,8 @@ if TYPE_CHECKING:
     metavar="NAME[=AMOUNT]",
     multiple=True,
     help="A condition to measure, as in --of delay; with an amount, up to this amount. May be"
-    " repeated. [default: twelve conditions, as far as simulator and driver can have them]",
+    " repeated. [default: twelve conditions, as far as simulator and driver can have them, and the"
+    " radius of a class's bends]",
 )
 @click.option(
     "--at-least",

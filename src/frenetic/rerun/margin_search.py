@@ -116,7 +116,14 @@ def _scaled(candidate: Candidate, factor: float) -> Candidate:
         for name, amount in candidate.conditions.items()
     }
     curvatures = np.concatenate([np.zeros(straight), candidate.curvatures / factor])
-    return replace(candidate, curvatures=curvatures, step=step, conditions=conditions, **profiles)
+    return replace(
+        candidate,
+        curvatures=curvatures,
+        step=step,
+        points=None,  # the road lies elsewhere on the map
+        conditions=conditions,
+        **profiles,
+    )
 
 
 @dataclass
