@@ -447,7 +447,7 @@ def test_after_a_kill_the_same_command_goes_on(
     repeated = frenetic(*words, "c")
     assert repeated.out.splitlines()[-1] == "Kept in c; to see it: frenetic report c"
     assert "how often" in frenetic("show", "c").out
-    assert frenetic("resume", "c").refuses("c does not search", "'estimate', goes on with it")
+    assert frenetic("resume", "c").refuses("c does not search", "'estimate'", "goes on with it")
 
 
 @pytest.mark.heavy

@@ -1,4 +1,4 @@
-"""Driving campaigns, which drive a source campaign's roads again or estimate its failure rate.
+"""Driving campaigns, which drive a source campaign's roads again, or measure its driver.
 
 A driving campaign has a folder in the folder ``rerun`` of the source campaign's folder, named after
 a digest of its roads and parts. So the same call continues an interrupted driving campaign, leaves
@@ -42,8 +42,8 @@ PURPOSE: Final = "rerun"
 
 _OWNER: Final = Owner(
     summary="does not search",
-    advice="the command that began it, 'frenetic rerun', 'minimise', 'compare' or 'estimate', goes"
-    " on with it",
+    advice="the command that began it, 'frenetic rerun', 'minimise', 'compare', 'estimate' or"
+    " 'margin', goes on with it",
 )
 
 

@@ -94,7 +94,7 @@ def measure_margins(
         random_roads,
         demanding_roads,
         {
-            "quantities": [quantity.as_json() for quantity in quantities],
+            "quantities": [f"{q.condition} {q.usual} to {q.end}" for q in quantities],
             "roads": roads,
             "seed": int(seed),
             "campaign": created_at,  # identifies the campaign, whose path may change
