@@ -9,24 +9,26 @@ rules.
 from __future__ import annotations
 
 import argparse
+import math
 import re
 import shutil
-from collections.abc import Iterator, Mapping, Sequence
+from collections import Counter
+from collections.abc import Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from multiprocessing import get_context
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, Self
 
 import numpy as np
 
 from frenetic import Campaign, CampaignStore
 from frenetic._support.option_text import part_word
 from frenetic.analysis import Comparison
-from frenetic.analysis.clusters import cluster_failures
-from frenetic.analysis.comparison import MeasureComparison, PairComparison, compare
+from frenetic.analysis.campaign_measures import CampaignMeasures
+from frenetic.analysis.comparison import PairComparison, compare
 from frenetic.analysis.comparison_text import p_text
-from frenetic.analysis.failures import Failure, failures_of
+from frenetic.analysis.spaces import SPACES
 from frenetic.campaign.database import DATABASE
 from frenetic.campaign.workers import available_cores
 from frenetic.plugins.bench import Entrant
@@ -36,38 +38,48 @@ from frenetic.spec.part_record import changed_parts
 
 HERE: Final = Path(__file__).resolve().parent
 PAGE: Final = HERE / "bench.md"
-PEERS: Final = HERE.parent / "benchmarks" / "ribs_search.py"
-STEADY: Final = HERE.parent / "benchmarks" / "steady.py"
+TABLES: Final = HERE / "bench-tables.md"
+BENCHMARKS: Final = HERE.parent / "benchmarks"
+PEERS: Final = BENCHMARKS / "ribs_search.py"
+CLIMBERS: Final = BENCHMARKS / "climbers.py"
+DRIVERS: Final = BENCHMARKS / "bench_drivers.py"
+FORESIGHT_DRIVERS: Final = BENCHMARKS / "foresight_drivers.py"
 SEEDS: Final = range(1, 21)
-"""Seeds on which nothing was tuned: strategies were tuned on seeds 101 to 124 and 201 to 206."""
-THRESHOLDS: Final = (1.0, 2.0, 3.0)
-"""Differences from which two failures are distinct, in m."""
-PATH_THRESHOLD: Final = 2.0
-"""Distance from which two driven paths are distinct, in m."""
-PATH_STEP: Final = 5.0
-"""Distance between the compared points of a driven path, in m."""
-OFFSET_STEP: Final = 2.5
-"""Distance between the offsets of a `Failure`, in m."""
+"""Seeds on which nothing was tuned, see the page."""
+ANY_CHANGE: Final = 0.14
+"""Change of the curvature from value to value that allows any change within the bound, in 1/m."""
+USUAL_LENGTH: Final = 29
+"""Usual number of values of a road of `frenetic`, which the other entrants have, too."""
+NEVER: Final = 10**9
+"""Number of drives that no run has."""
 
 
 def _strategy(name: str, spec: str, **options: Any) -> Entrant:
     return Entrant(name=name, spec=spec, is_strategy=True, options=options)
 
 
-def _peer(name: str, algorithm: str) -> Entrant:
-    return _strategy(name, f"{PEERS}:RibsSearch", algorithm=algorithm)
-
-
-RANDOM: Final = _strategy("random", "random")
-LISTING_1: Final = _strategy("Frenetic 2021", "frenetic-2021")
-OURS: Final = _strategy("Frenetic", "frenetic")
-MAP_ELITES: Final = _peer("MAP-Elites", "map-elites")
-CMA_MAE: Final = _peer("CMA-MAE", "cma-mae")
-ENTRANTS: Final = (RANDOM, LISTING_1, OURS, MAP_ELITES, CMA_MAE)
-EXPLOITATION: Final = (
-    _strategy("lowest first", "frenetic-2021", threshold=2.0),
-    _peer("CMA-ES", "cma-es"),
+RANDOM: Final = _strategy("random", "random", usual_length=USUAL_LENGTH)
+LISTING_1: Final = _strategy("Frenetic 2021", "frenetic-2021", usual_length=USUAL_LENGTH)
+OURS: Final = _strategy("Frenetic", "frenetic", sharper_after=NEVER)
+LIKELY: Final = _strategy("Frenetic, likely", "frenetic", likely=True, sharper_after=NEVER)
+CMA_ES: Final = _strategy("CMA-ES", f"{CLIMBERS}:CmaEs")
+ENTRANTS: Final = (
+    RANDOM,
+    LISTING_1,
+    OURS,
+    LIKELY,
+    _strategy("(1+1)-ES", f"{CLIMBERS}:OnePlusOne"),
+    CMA_ES,
+    _strategy("MAP-Elites", f"{PEERS}:RibsSearch", algorithm="map-elites"),
+    _strategy("CMA-MAE", f"{PEERS}:RibsSearch", algorithm="cma-mae"),
 )
+"""Entrants with the same bounds on the curvature and on its change."""
+UNBOUND: Final = (
+    _strategy("Frenetic, any change", "frenetic", max_change=ANY_CHANGE),
+    _strategy("(1+1)-ES, any change", f"{CLIMBERS}:OnePlusOne", max_change=ANY_CHANGE),
+    _strategy("CMA-ES, any change", f"{CLIMBERS}:CmaEs", max_change=ANY_CHANGE),
+)
+"""Entrants whose curvature may change by any amount: they are compared among themselves."""
 
 
 @dataclass(frozen=True)
@@ -76,12 +88,10 @@ class PageBench:
 
     name: str
     simulations: int
-    entrants: tuple[Entrant, ...] = ENTRANTS
-    drive: Mapping[str, Any] = field(default_factory=dict)
+    entrants: tuple[Entrant, ...]
+    drive: Mapping[str, Any]
     """Entries of a spec that say how roads are driven."""
     seeds: Sequence[int] = SEEDS
-    is_main: bool = False
-    """Whether the page has a picture of the bench, and distinct failures by other distances."""
 
     def campaign(self, entrant: Entrant, seed: int, folder: Path) -> Campaign:
         """Return the campaign of an entrant with a seed; its folder is within `folder`."""
@@ -95,75 +105,122 @@ def _driver(name: str, **options: Any) -> dict[str, Any]:
     return {"driver": part_word(name, options)}
 
 
+def _benches(
+    simulations: int,
+    drives: Mapping[str, Mapping[str, Any]],
+    entrants: tuple[Entrant, ...] = ENTRANTS,
+) -> list[PageBench]:
+    return [
+        PageBench(f"{name}-{simulations}", simulations, entrants, drive)
+        for name, drive in drives.items()
+    ]
+
+
+CHOOSING: Final = {
+    "planner": _driver("planner"),
+    "planner-7": _driver("planner", lateral_acceleration=7.0),
+    "planner-6.5": _driver("planner", lateral_acceleration=6.5),
+    "stanley-4": _driver("stanley", lateral_acceleration=4.0),
+    "lqr": _driver(f"{DRIVERS}:Lqr"),
+    "late-braker": _driver(f"{FORESIGHT_DRIVERS}:Pursuit", braking=6.0, lateral=7.0),
+}
+"""Drivers that chose settings of our search, on other seeds."""
+JUDGING: Final = {
+    "stanley-gain-3": _driver("stanley", offset_gain=3.0),
+    "beamng-ai-1": _driver("beamng-ai", aggression=1.0),
+    "rate-limited": _driver(f"{DRIVERS}:RateLimitedPursuit"),
+    "feedforward": _driver(f"{FORESIGHT_DRIVERS}:Feedforward", lateral=6.0),
+}
+"""Drivers that chose nothing."""
+SLOW_JUDGING: Final = {
+    "highway-env": _driver("highway-env"),
+    "metadrive": _driver("metadrive-idm", target_speed=46.0) | {"simulator": "metadrive"},
+}
+"""Drivers that chose nothing, of 0.1 s a drive and more."""
+FAST: Final = CHOOSING | JUDGING
+ANY_CHANGE_ALSO: Final = ("planner", "planner-7", "stanley-4", "beamng-ai-1", "rate-limited")
+"""Drivers that also drive roads whose curvature may change by any amount."""
 BENCHES: Final = (
-    PageBench("planner-200", 200, ENTRANTS, is_main=True),
-    PageBench("planner-1000", 1000, is_main=True),
-    PageBench(
-        "gentle-1000",
-        1000,
-        ENTRANTS,
-        drive=_driver("planner", lateral_acceleration=7.0),
-        is_main=True,
+    *(
+        bench
+        for name, drive in FAST.items()
+        for bench in _benches(200, {name: drive}, ENTRANTS + UNBOUND * (name in ANY_CHANGE_ALSO))
     ),
-    PageBench(
-        "careful-1000",
-        1000,
-        (RANDOM, LISTING_1, OURS, CMA_MAE, *EXPLOITATION),
-        _driver("planner", lateral_acceleration=6.0),
-    ),
-    PageBench("stanley-200", 200, ENTRANTS, _driver("stanley")),
-    PageBench("stanley-1000", 1000, (RANDOM, LISTING_1, OURS), _driver("stanley")),
-    PageBench("steady-200", 200, ENTRANTS, _driver(f"{STEADY}:Steady", speed=48.0)),
-    PageBench(
-        "metadrive-200",
-        200,
-        (RANDOM, LISTING_1, OURS),
-        _driver("metadrive-idm", target_speed=46.0) | {"simulator": "metadrive"},
-        seeds=SEEDS[:10],
-    ),
-    PageBench("planner-5000", 5000, (RANDOM, LISTING_1, OURS), seeds=SEEDS[:10]),
+    *(replace(bench, seeds=SEEDS[:10]) for bench in _benches(40, SLOW_JUDGING)),
+    *_benches(1000, {"planner": FAST["planner"]}),
 )
 COLUMNS: Final = {
-    "distinct_failures": "distinct failures",
-    "failures": "failures",
-    "cells": "cells",
-    "unlike_roads": "unlike roads",
     "simulations_to_failure": "first failure",
+    "failures": "failures",
+    "distinct_failures": "distinct",
+    **{
+        f"{space}_{radius}": f"{space} {radius.replace('_', '.')}"
+        for space in SPACES
+        for radius in ("0_5", "1", "2")
+    },
+    "cells": "cells",
+    "competition_sparseness": "sparseness",
     "min_moobd": "lowest MOOBD",
-    "competition_sparseness": "competition's sparseness",
-    "valid_share": "valid",
 }
-"""Name of a measure -> heading of its column in the table of medians."""
-COMPARED: Final = (
-    "distinct_failures",
-    "cells",
-    "unlike_roads",
-    "simulations_to_failure",
-    "min_moobd",
-)
-"""Measures in the table that compares our search with the other entrants."""
+"""Name of a measure -> heading of its column."""
+TABLES_HEAD: Final = """\
+# All tables of the bench
+
+`python research/make_bench.py` wrote this page; [the bench](bench.md) says what it shows. Each
+driver has three tables: medians and quartiles of 20 runs of each search; the same of the searches
+whose curvature may change by any amount; and `frenetic` against each other search within the same
+bounds: `+` better, `-` worse, `=` no difference shown, A12 and, in brackets, p after Holm's
+correction for all pairs of searches and all measures. Last come the curves.
+"""
 
 
 def main() -> None:
-    """Run the missing campaigns, then write the tables of the complete benches."""
+    """Run the missing campaigns, then write the tables and pictures of the complete benches."""
     options = _options()
-    chosen = [bench for bench in BENCHES if not options.names or bench.name in options.names]
     if not options.tables:
+        chosen = [bench for bench in BENCHES if not options.names or bench.name in options.names]
         runs = [
             Run(bench, entrant, seed, options.folder)
             for bench in chosen
             for entrant in bench.entrants
-            if not options.entrant or entrant.name in options.entrant
             for seed in bench.seeds
         ]
         with ProcessPoolExecutor(options.workers, get_context("spawn")) as pool:
             for message in pool.map(complete, runs):
                 print(message, flush=True)
-    for bench in chosen:
+    results = {}
+    for bench in BENCHES:
         groups = complete_groups(bench, options.folder)
-        if {RANDOM.name, LISTING_1.name, OURS.name} <= set(groups):
-            write_tables(bench, groups)
-    write_table("verdicts", verdicts(PAGE.read_text(encoding="utf-8")))
+        if len(groups) < len(bench.entrants):
+            print(f"{bench.name}: not complete, so its tables are left out")
+            continue
+        results[bench.name] = Result.of(groups)
+        draw_comparison(results[bench.name].bound, HERE / "images" / f"bench-{bench.name}.svg")
+    TABLES.write_text(all_tables(results), encoding="utf-8")
+    for name, text in {
+        "behind": behind(results),
+        "first-failures": first_failures(results),
+        "verdicts": verdicts(results),
+    }.items():
+        write_table(name, text)
+
+
+@dataclass(frozen=True)
+class Result:
+    """Comparisons of the complete runs of a bench."""
+
+    bound: Comparison
+    """Comparison of the entrants with the same bounds."""
+    unbound: Comparison | None
+    """Comparison of the entrants whose curvature may change by any amount; None without them."""
+
+    @classmethod
+    def of(cls, groups: Mapping[str, Sequence[Path]]) -> Self:
+        """Compare the campaigns of each entrant."""
+        unbound = {entrant.name for entrant in UNBOUND}
+        of_unbound = {name: folders for name, folders in groups.items() if name in unbound}
+        of_bound = {name: folders for name, folders in groups.items() if name not in unbound}
+        return cls(compare(of_bound), compare(of_unbound) if of_unbound else None)
 
 
 @dataclass(frozen=True)
@@ -208,15 +265,12 @@ def complete_groups(bench: PageBench, folder: Path) -> dict[str, list[Path]]:
         campaigns = [bench.campaign(entrant, seed, folder) for seed in bench.seeds]
         if all(map(is_complete, campaigns)):
             groups[entrant.name] = [campaign.folder for campaign in campaigns]
-        else:
-            print(f"{bench.name}, {entrant.name}: not complete")
     return groups
 
 
 def _options() -> argparse.Namespace:
     parser = argparse.ArgumentParser(description=__doc__)
     known = [bench.name for bench in BENCHES]
-    entrants = sorted({entrant.name for bench in BENCHES for entrant in bench.entrants})
     parser.add_argument(
         "names", nargs="*", metavar="BENCH", help=f"{', '.join(known)}; all by default"
     )
@@ -224,12 +278,6 @@ def _options() -> argparse.Namespace:
         "--folder", type=Path, default=Path("benches/published"), help="folder of all runs"
     )
     parser.add_argument("--workers", type=int, default=available_cores(), help="runs at once")
-    parser.add_argument(
-        "--entrant",
-        action="append",
-        choices=entrants,
-        help="run only this entrant; may be repeated",
-    )
     parser.add_argument("--tables", action="store_true", help="run nothing, only write the tables")
     options = parser.parse_args()
     if unknown := set(options.names) - set(known):
@@ -240,80 +288,107 @@ def _options() -> argparse.Namespace:
 # Tables
 
 
-def write_tables(bench: PageBench, groups: Mapping[str, Sequence[Path]]) -> None:
-    """Write the tables of a bench, and the picture of a main bench."""
-    compared = compare(groups)
-    for note in compared.notes:
-        print(f"{bench.name}: {note}")
-    tables = {"bench": table(compared), "pairs": pairs(compared)}
-    if bench.is_main:
-        draw_comparison(compared, HERE / "images" / f"bench-{bench.name}.svg")
-        tables["distances"] = distances({name: groups[name] for name in compared.groups})
-    for kind, text in tables.items():
-        write_table(f"{kind}-{bench.name}", text)
+def all_tables(results: Mapping[str, Result]) -> str:
+    """Return the page of all tables and pictures."""
+    parts = [TABLES_HEAD]
+    for bench, result in results.items():
+        parts.append(f"## {title_of(bench)}\n\n{medians(result.bound)}")
+        if result.unbound is not None:
+            parts.append(medians(result.unbound))
+        parts.append(pairs(result.bound))
+        parts.append(f"![Failures over simulations and over radius](images/bench-{bench}.svg)\n")
+    return "\n".join(parts)
 
 
-def table(comparison: Comparison) -> str:
+def title_of(bench: str) -> str:
+    """Return the title of a bench: its driver, and the number of simulations of a run."""
+    found = next(known for known in BENCHES if known.name == bench)
+    driver = str(found.drive["driver"]).replace(f"{HERE.parent}/", "")
+    return f"`{driver}`, {found.simulations} simulations"
+
+
+def medians(comparison: Comparison) -> str:
     """Return the table of medians and quartiles: a row per entrant, a column per measure."""
-    names = [name for name in COLUMNS if name in telling_measures(comparison)]
-    rows = {
-        group: [group, *(comparison.by(name).text(group) for name in names)]
-        for group in comparison.groups
-    }
-    return markdown(
-        [
-            ["median (quartiles)", *(COLUMNS[name] for name in names)],
-            ["---", *["---:"] * len(names)],
-            *rows.values(),
-        ]
-    )
+    rows = [
+        [group, *(comparison.by(name).text(group) for name in COLUMNS), kilometres(campaigns)]
+        for group, campaigns in comparison.groups.items()
+    ]
+    head = ["median (quartiles)", *COLUMNS.values(), "km driven"]
+    return markdown([head, ["---", *["---:"] * (len(head) - 1)], *rows])
+
+
+def kilometres(campaigns: Sequence[CampaignMeasures]) -> str:
+    """Return the median length that campaigns drove, in km."""
+    return f"{np.median([0.001 * campaign.counts.driven_metres for campaign in campaigns]):.0f}"
 
 
 def pairs(comparison: Comparison) -> str:
     """Return the table of verdict, A12 and corrected p of our search against each entrant."""
-    names = [name for name in COMPARED if name in telling_measures(comparison)]
-    lines = [
-        ["Frenetic against", *(COLUMNS[name] for name in names)],
-        ["---", *["---"] * len(names)],
-    ]
+    lines = [["Frenetic against", *COLUMNS.values()], ["---"] * (len(COLUMNS) + 1)]
     for other in comparison.groups:
         if other != OURS.name:
-            comparisons = (comparison.by(name) for name in names)
-            lines.append([other, *(_pair_text(_pair(by, other)) for by in comparisons)])
+            found = (pair_with(comparison, name, other) for name in COLUMNS)
+            lines.append([other, *map(_pair_text, found)])
     return markdown(lines)
 
 
-def verdicts(page: str) -> str:
-    """Return the table of verdicts against random roads and Listing 1, from the page's tables."""
-    lines = [["bench", "against", *(COLUMNS[name] for name in COMPARED)]]
-    lines.append(["---"] * len(lines[0]))
-    for bench in BENCHES:
-        marked = re.search(f"<!-- pairs-{bench.name} -->\n(.*?)<!-- end -->", page, re.DOTALL)
-        rows = [line.strip("| ").split(" | ") for line in marked[1].splitlines()] if marked else []
-        for row in rows:
-            if row[0] in (RANDOM.name, LISTING_1.name):
-                verdict_of = {
-                    head: cell.partition(" (")[0] for head, cell in zip(rows[0], row, strict=True)
-                }
-                cells = (verdict_of.get(COLUMNS[name], "") for name in COMPARED)
-                lines.append([bench.name, row[0], *cells])
+def behind(results: Mapping[str, Result]) -> str:
+    """Return the table of measures by which an entrant with the same bounds is better than ours."""
+    lines = [["driver", "who is ahead", "by"], ["---"] * 3]
+    for bench, result in results.items():
+        for other in result.bound.groups:
+            if other in (OURS.name, LIKELY.name):
+                continue
+            ahead = []
+            for name, heading in COLUMNS.items():
+                pair = pair_with(result.bound, name, other)
+                if pair.better == other:
+                    by = result.bound.by(name)
+                    ahead.append(f"{heading} {by.median(OURS.name)} to {by.median(other)}")
+            if ahead:
+                lines.append([bench, other, "; ".join(ahead)])
     return markdown(lines)
 
 
-def telling_measures(comparison: Comparison) -> set[str]:
-    """Return the measures that differ between runs; lowest MOOBD only if random roads pass."""
-    names = {
-        by.measure.name
-        for by in comparison.measures
-        if len({value for values in by.values.values() for value in values}) > 1
-    }
-    do_random_roads_fail = comparison.by("failures").quartiles(RANDOM.name).median > 0
-    return names - {"min_moobd"} if do_random_roads_fail else names
+def first_failures(results: Mapping[str, Result]) -> str:
+    """Return the table of first failures: ours, and those of the best baseline with the bounds."""
+    head = ["driver", "Frenetic", "found in", "best baseline", "its first failure", "found in"]
+    lines = [[*head, "goal"], ["---", *["---:"] * 2, "---", *["---:"] * 2, "---"]]
+    for bench, result in results.items():
+        if bench.endswith("-1000"):  # it begins as the bench of 200
+            continue
+        by = result.bound.by("simulations_to_failure")
+        rivals = [name for name in by.values if name not in (OURS.name, LIKELY.name)]
+        rival = min(rivals, key=lambda name: (by.quartiles(name).median, by.positions[name]))
+        found = {name: sum(map(math.isfinite, by.values[name])) for name in (OURS.name, rival)}
+        goal = 1.2 * by.quartiles(rival).median + 3.0
+        is_met = by.quartiles(OURS.name).median <= goal and found[OURS.name] >= found[rival]
+        runs = len(by.values[OURS.name])
+        texts = {name: [by.median(name), f"{found[name]} of {runs}"] for name in found}
+        goal_text = "met" if is_met else "missed"
+        lines.append([bench, *texts[OURS.name], rival, *texts[rival], goal_text])
+    return markdown(lines)
 
 
-def _pair(by: MeasureComparison, other: str) -> PairComparison:
+def verdicts(results: Mapping[str, Result]) -> str:
+    """Return the table of drivers on which ours is better, alike and worse, for each measure."""
+    others = [entrant.name for entrant in ENTRANTS if entrant.name != OURS.name]
+    lines = [["Frenetic against", *COLUMNS.values()], ["---"] * (len(COLUMNS) + 1)]
+    for other in others:
+        cells = []
+        for name in COLUMNS:
+            found = Counter(
+                _verdict(pair_with(result.bound, name, other)) for result in results.values()
+            )
+            cells.append(" ".join(f"{found[verdict]}" for verdict in ("+", "=", "-")))
+        lines.append([other, *cells])
+    return markdown(lines)
+
+
+def pair_with(comparison: Comparison, measure: str, other: str) -> PairComparison:
     """Return the comparison of our search, as the first of the pair, with another entrant."""
-    pair = next(p for p in by.pairs if {p.first, p.second} == {OURS.name, other})
+    pairs = comparison.by(measure).pairs
+    pair = next(p for p in pairs if {p.first, p.second} == {OURS.name, other})
     if pair.first == OURS.name:
         return pair
     return replace(
@@ -327,72 +402,12 @@ def _pair(by: MeasureComparison, other: str) -> PairComparison:
 
 def _verdict(pair: PairComparison) -> str:
     if pair.better is None:
-        return "cannot tell"
-    return "better" if pair.better == pair.first else "worse"
+        return "="
+    return "+" if pair.better == pair.first else "-"
 
 
 def _pair_text(pair: PairComparison) -> str:
-    return f"{_verdict(pair)} ({pair.a12:.2f}, {p_text(pair.p_corrected)})"
-
-
-def distances(folders: Mapping[str, Sequence[Path]]) -> str:
-    """Return the table of distinct failures by other thresholds and by paths: medians of runs."""
-    headings = [*(f"at {threshold:g} m" for threshold in THRESHOLDS), "by warping of the paths"]
-    lines = [["distinct failures", *headings], ["---", *["---:"] * len(headings)]]
-    for name, runs in folders.items():
-        medians = np.median([list(_distinct_counts(folder)) for folder in runs], axis=0)
-        lines.append([name, *(f"{median:g}" for median in medians)])
-    return markdown(lines)
-
-
-def _distinct_counts(folder: Path) -> Iterator[int]:
-    """Yield the distinct failures of a run by each threshold, then by paths."""
-    with CampaignStore.open(folder) as store:
-        failures = failures_of(store)
-    for threshold in THRESHOLDS:
-        yield len(cluster_failures(failures, threshold=threshold))
-    yield distinct_paths(failures)
-
-
-def distinct_paths(failures: list[Failure]) -> int:
-    """Return the number of failures whose paths are at least `PATH_THRESHOLD` m apart.
-
-    A failure counts if its path is that far from the path of every failure that was counted before.
-    The distance of two driven paths, over the 30 m before the departure, is by dynamic time
-    warping: the least mean distance of points that are matched in order. This distance ignores
-    speed and the road ahead, and shares no code with `frenetic.analysis`.
-    """
-    paths_by_side: dict[object, list[np.ndarray]] = {}
-    for failure in failures:
-        path = _path(failure)
-        paths = paths_by_side.setdefault(failure.side, [])
-        if all(_path_distance(path, other) >= PATH_THRESHOLD for other in paths):
-            paths.append(path)
-    return sum(map(len, paths_by_side.values()))
-
-
-def _path(failure: Failure) -> np.ndarray:
-    """Return the driven path before the departure, (7, 2) in m."""
-    road = failure.road[: len(failure.offsets)]
-    along = np.gradient(road, axis=0)
-    normal = np.column_stack((-along[:, 1], along[:, 0])) / np.hypot(*along.T)[:, np.newaxis]
-    points = road + normal * failure.offsets[:, np.newaxis]
-    path: np.ndarray = points[:: round(PATH_STEP / OFFSET_STEP)]
-    return path
-
-
-def _path_distance(first: np.ndarray, second: np.ndarray) -> float:
-    """Return the mean distance of two paths in m, with points matched in order."""
-    apart = np.hypot(*(first[:, np.newaxis] - second[np.newaxis]).transpose(2, 0, 1))
-    n, m = apart.shape
-    total = np.full((n + 1, m + 1), np.inf)
-    total[0, 0] = 0.0
-    for i in range(n):
-        for j in range(m):
-            least = min(total[i, j], total[i, j + 1], total[i + 1, j])
-            total[i + 1, j + 1] = apart[i, j] + least
-    mean: float = float(total[n, m]) / max(n, m)
-    return mean
+    return f"{_verdict(pair)} {pair.a12:.2f} ({p_text(pair.p_corrected)})"
 
 
 def markdown(lines: list[list[str]]) -> str:
