@@ -15,6 +15,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from frenetic import EmbeddedSimulator, Road
+from frenetic._support.interpreted import end_interpretation
 from frenetic.drivers import (
     BeamngAi,
     Controls,
@@ -107,6 +108,7 @@ def test_laws_are_compiled_once_for_all_kinds_of_arrays() -> None:
     fixed.ahead.setflags(write=False)
     fixed.curvature_ahead.setflags(write=False)
     strided = replace(plain, curvature_ahead=np.repeat(plain.curvature_ahead, 2)[::2])
+    end_interpretation()  # first calls would not compile
     with EmbeddedSimulator() as simulator:
         simulator.drive(Road([0.0, 0.0]), Planner())  # the rollout
     assert len({controls_of(Planner(), view) for view in (plain, fixed, strided)}) == 1
