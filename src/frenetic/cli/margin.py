@@ -45,9 +45,8 @@ if TYPE_CHECKING:
     type=amount_type("delay=0.5", allows_name=True),
     metavar="NAME[=AMOUNT]",
     multiple=True,
-    help="A condition to measure, as in --of delay; with an amount, up to this amount. May be"
-    " repeated. [default: twelve conditions, as far as simulator and driver can have them, and the"
-    " radius of a class's bends]",
+    help="A condition to measure, as in --of delay, or up to an amount. May be repeated. [default:"
+    " twelve that simulator and driver can have, and the radius of a class's bends]",
 )
 @click.option(
     "--at-least",
@@ -91,13 +90,13 @@ def margin(
     as_json: bool,
     **_: Any,
 ) -> None:
-    """Say how far a driver is from failing: from which delay, noise and so on it fails.
+    """Say how far a driver is from failing: from which delay, noise and so on.
 
     The margin is the amount of a condition from which on the driver fails on 5 % of random roads of
     a road class or domain. On each road, amounts over the whole range are driven, then the least
     failing one is found by bisection. With a CAMPAIGN, its own driver drives, also on the roads
-    where it came nearest to failing. Run the same command again to continue after Ctrl-C; when all
-    drives are made, it only prints the margins. Without a CAMPAIGN this needs --out DIR.
+    where it came nearest to failing; without one --out DIR is needed. The same command continues
+    after Ctrl-C, and prints margins that are measured.
     """
     from frenetic.rerun.margin_quantities import measured_quantities
 

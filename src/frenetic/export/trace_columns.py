@@ -105,8 +105,8 @@ _FOLLOWING: Final[tuple[tuple[TableColumn, _Measure], ...]] = (
     (TableColumn("speed_limit", "speed limit", "km/h"), speed_limit),
 )
 """Columns that follow from road and drive; values of the road are those beside the car."""
-_OTHER_COLUMNS: Final = {"yaw_rate", "deceleration", "duration"}
-"""Signals that are columns with another unit, sign or name: yaw rate, acceleration and time."""
+_OTHER_COLUMNS: Final = {"yaw_rate", "deceleration", "duration", "lateral_offset"}
+"""Signals that are columns with another unit, sign or name, such as the time."""
 
 
 def _signal_column(name: str, signal: Signal) -> tuple[TableColumn, _Measure]:
