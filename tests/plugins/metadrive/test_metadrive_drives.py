@@ -316,7 +316,7 @@ class TestExpert(DriverContract):
 def test_wrappers_over_metadrives_drivers_are_refused(simulator: MetaDriveSimulator) -> None:
     drive = simulator.drive(WINDING, Noisy(MetaDriveIdm()))
     assert drive.trouble is not None
-    assert "noise, delay and view do not reach it: leave them out" in drive.trouble.reason
+    assert "do not reach it: leave them out" in drive.trouble.reason
     assert judge(WINDING, drive).outcome is Outcome.ERROR
 
 
