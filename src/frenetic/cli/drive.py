@@ -285,17 +285,12 @@ def _document(
 def _mistake(road: Road, driven: Drive | None, result: Result) -> dict[str, Any]:
     """Return cause and evidence of a failure, for JSON; empty if the drive has none."""
     from frenetic.segments.causes import as_text as cause_text
-    from frenetic.segments.causes import cause_of
-    from frenetic.segments.evidence import evidence_of_result
-    from frenetic.segments.segment import segment_of
+    from frenetic.segments.evidence import evidence_of_drive
 
-    if driven is None or not len(driven.trajectory) or not result.outcome.is_driven:
-        return {}
-    segment = segment_of(road, driven, result.finding)
-    evidence = evidence_of_result(segment, result)
+    evidence = None if driven is None else evidence_of_drive(road, driven, result)
     if evidence is None:
         return {}
-    return {"cause": cause_text(*cause_of(segment)), "evidence": evidence.as_json()}
+    return {"cause": cause_text(*evidence.cause), "evidence": evidence.as_json()}
 
 
 def _comparison(

@@ -21,9 +21,8 @@ from frenetic.oracle.outcome import Outcome
 from frenetic.oracle.signals import LocatedDrive
 from frenetic.oracle.verdict import Finding, Result
 from frenetic.road import Road, profile
-from frenetic.segments.causes import as_text, cause_of
-from frenetic.segments.evidence import evidence_of_result
-from frenetic.segments.segment import segment_of
+from frenetic.segments.causes import as_text
+from frenetic.segments.evidence import evidence_of_drive
 
 _PLACE: Final = 4  # time, x, y and heading: the columns that say when and where a car was
 
@@ -189,11 +188,10 @@ def _events(road: Road, drive: Drive, result: Result, last_time: float) -> tuple
     ]
     if result.outcome is Outcome.FAIL:
         with np.errstate(all="ignore"):  # another simulator's records may be no numbers
-            segment = segment_of(road, drive, result.finding)
-            evidence = evidence_of_result(segment, result)
-            if evidence is not None:
-                text = f"{as_text(*cause_of(segment))}: {evidence.text}"
-                events.append(TraceEvent(evidence.time, "mistake", evidence.place, text))
+            evidence = evidence_of_drive(road, drive, result)
+        if evidence is not None:
+            text = f"{as_text(*evidence.cause)}: {evidence.text}"
+            events.append(TraceEvent(evidence.time, "mistake", evidence.place, text))
     time = last_time if result.duration is None else result.duration
     end = TraceEvent(time, "end", result.distance, f"{result.outcome}: {result.reason}")
     return (*sorted(events, key=lambda event: event.time), end)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Final
 
 import numpy as np
@@ -18,8 +19,7 @@ from frenetic.oracle.outcome import Outcome
 from frenetic.oracle.verdict import Result, judge
 from frenetic.report.style import OUTCOME_COLOURS
 from frenetic.road import Road
-from frenetic.segments.evidence import Evidence, evidence_of_result
-from frenetic.segments.segment import segment_of
+from frenetic.segments.evidence import Evidence, evidence_of_drive
 
 KMH: Final = 3.6
 """Km/h in one m/s."""
@@ -29,6 +29,7 @@ KMH: Final = 3.6
 class JudgedDrive:
     """A drive with its verdict, and its records up to the one at which a rule ended it."""
 
+    road: Road
     drive: Drive
     result: Result
     distance: FloatArray
@@ -41,11 +42,14 @@ class JudgedDrive:
     """Heading at each record, (n,) in rad."""
     speed: FloatArray
     """Speed along the car at each record, (n,) in km/h."""
-    mistake: Evidence | None = None
-    """The driver's first mistake before a failure; None if there is none."""
 
     def __len__(self) -> int:
         return len(self.distance)
+
+    @cached_property
+    def mistake(self) -> Evidence | None:
+        """The driver's first mistake before a failure; None if there is none."""
+        return evidence_of_drive(self.road, self.drive, self.result)
 
 
 def road_of(drive: Drive, road: Road | None) -> Road:
@@ -79,8 +83,8 @@ def judge_drive(road: Road, thing: Drive | Test) -> JudgedDrive:
     )
     n = len(assessment.distance)
     result = judge(road, drive) if isinstance(thing, Drive) else thing.result
-    segment = segment_of(road, drive, result.finding) if n else None
     return JudgedDrive(
+        road=road,
         drive=drive,
         result=result,
         distance=assessment.distance,
@@ -89,7 +93,6 @@ def judge_drive(road: Road, thing: Drive | Test) -> JudgedDrive:
         xy=np.clip(np.column_stack([trajectory.x[:n], trajectory.y[:n]]), -1e6, 1e6),
         heading=trajectory.heading[:n],
         speed=trajectory.speed[:n] * KMH,
-        mistake=evidence_of_result(segment, result),
     )
 
 

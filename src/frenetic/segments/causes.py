@@ -220,7 +220,11 @@ def _mistake_of_departure(departure: Departure) -> Mistake:
         kind = Kind.BRAKES_LATE if brakes else Kind.TOO_FAST
         return Mistake(Cause(kind, bend_side), begin)
     columns = (departure.steering, departure.steering_input)
-    is_held = any(_is_held(column[begin:], departure.time[begin:]) for column in columns)
+    is_held = any(
+        np.abs(column[begin:]).max() >= _MAX_STRAIGHT_STEERING
+        and hold_time(column[begin:], departure.time[begin:]) >= _MIN_HOLD_TIME
+        for column in columns
+    )
     return Mistake(Cause(Kind.HELD if is_held else Kind.TOO_LITTLE, bend_side), begin)
 
 
@@ -251,9 +255,8 @@ def _bends_ahead(segment: Segment, sign: float) -> bool:
     return bool(sign * segment.road.curvature_at(ahead).mean() > _MIN_CURVATURE_AHEAD)
 
 
-def _is_held(steering: FloatArray, time: FloatArray) -> bool:
-    """Return whether a steering is held at its largest angle, other than straight ahead."""
-    if np.abs(steering).max() < _MAX_STRAIGHT_STEERING:
-        return False
-    largest = np.flatnonzero(np.abs(steering) >= np.abs(steering).max() - 1e-9)
-    return bool(time[largest[-1]] - time[largest[0]] >= _MIN_HOLD_TIME)
+def hold_time(steering: FloatArray, time: FloatArray) -> float:
+    """Return the time from the first to the last record of the largest steering angle, in s."""
+    angles = np.abs(steering)
+    largest = np.flatnonzero(angles >= angles.max() - 1e-9)
+    return float(time[largest[-1]] - time[largest[0]])

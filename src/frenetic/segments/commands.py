@@ -63,8 +63,8 @@ def against_the_bend(departure: Departure) -> int | None:
     steering = departure.steering_input * sign  # positive into the bend
     is_against = (np.abs(departure.curvature) > _BEND) & (steering < -_STEERING_BACK)
     is_against &= inside * sign < _MOST_INSIDE
-    if departure.first_slide is not None:
-        is_against[departure.first_slide :] = False  # a driver may catch a slide
+    if departure.last_slide is not None:
+        is_against[departure.last_slide :] = False  # a driver may catch a slide
     begin = _begin_of(departure, is_against, _AGAINST_TIME)
     if begin is None:
         return None
@@ -78,8 +78,7 @@ def against_the_bend(departure: Departure) -> int | None:
 def _swings_before(departure: Departure, record: int) -> int:
     """Return how often the steering swung about what the road needs, just before a record."""
     first = last_record(departure.time <= departure.time[record] - _SWINGING_TIME)
-    needed = np.arctan(departure.wheelbase * departure.curvature[first:record])
-    excess = departure.steering_input[first:record] - needed
+    excess = (departure.steering_input - departure.needed_steering)[first:record]
     sides = np.sign(excess[np.abs(excess) > _SWING])
     return int(np.count_nonzero(np.diff(sides)))
 
@@ -91,8 +90,7 @@ def at_a_rate_limit(departure: Departure) -> int | None:
     of the excursion, and for `_RATE_TIME` without a break.
     """
     first = departure.last_sound
-    steps = np.diff(departure.time[first:])
-    rates = np.abs(np.diff(departure.steering_input[first:])) / np.maximum(steps, 1e-6)
+    rates = departure.steering_rates(first)
     if not len(rates) or (fastest := float(rates.max())) < _LEAST_RATE:
         return None
     is_fastest = rates >= fastest - _RATE_ROUNDING

@@ -77,7 +77,7 @@ class Departure:
     """Throttle pedal, 0..1."""
     brake: FloatArray
     """Brake pedal, 0..1."""
-    first_slide: int | None
+    last_slide: int | None
     """First record of the last slide; None without a slide."""
 
     @classmethod
@@ -120,13 +120,13 @@ class Departure:
             steering_input=steering_input,
             throttle=throttle,
             brake=brake,
-            first_slide=_start_of_slide(time, rear_speed, speed),
+            last_slide=_start_of_slide(time, rear_speed, speed),
         )
 
     @property
     def slide(self) -> int | None:
         """First record of the slide by which the car leaves; None without such a slide."""
-        slide = self.first_slide
+        slide = self.last_slide
         if slide is None or self.before_end(slide) < _MIN_SLIDE_TIME:
             return None
         return slide
@@ -163,9 +163,19 @@ class Departure:
         first = last_record(self.time <= self.time[record] - _PEDAL_TIME)
         return float(values[first : record + 1].mean())
 
-    def needed_steering(self, record: int) -> float:
-        """Return the steering with which a car follows the road at a record, in rad, roughly."""
-        return float(np.arctan(self.wheelbase * self.curvature[record]))
+    @cached_property
+    def needed_steering(self) -> FloatArray:
+        """Steering with which a car follows the road at each record, (n,) in rad, roughly."""
+        return np.arctan(self.wheelbase * self.curvature)
+
+    def steering_rates(self, first: int) -> FloatArray:
+        """Return how fast the wanted steering turns from each record on to the next, in rad/s.
+
+        Args:
+            first: Record with which the rates begin.
+        """
+        steps = np.maximum(np.diff(self.time[first:]), 1e-6)
+        return np.abs(np.diff(self.steering_input[first:])) / steps
 
 
 def stretches(condition: npt.NDArray[np.bool_]) -> list[tuple[int, int]]:

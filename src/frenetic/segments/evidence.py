@@ -4,18 +4,21 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from operator import itemgetter
 from types import MappingProxyType
 from typing import Any, Final, TypeAlias
 
 import numpy as np
 
+from frenetic.oracle.drive import Drive
 from frenetic.oracle.outcome import Outcome
 from frenetic.oracle.verdict import Result
+from frenetic.road import Road
 from frenetic.segments.bends import place_text
-from frenetic.segments.causes import Kind, mistake_of
+from frenetic.segments.causes import Cause, Kind, hold_time, mistake_of
 from frenetic.segments.commands import MOST_STEERING
 from frenetic.segments.departure import Departure
-from frenetic.segments.segment import Segment
+from frenetic.segments.segment import Segment, segment_of
 
 _AFTERWARDS: Final = 0.6
 """Time after the beginning of a mistake in which its largest command is looked for, in s; our
@@ -29,6 +32,8 @@ _DEGREES: Final = 180.0 / np.pi
 class Evidence:
     """The first mistake before a failure, as numbers and in words."""
 
+    cause: Cause
+    """Cause that the evidence is of."""
     text: str
     """What the driver did, where and when, such as "steers 9° to the right where the road needs 8°
     to the left, entering a left-hand bend of 18 m radius, 1.2 s before it leaves"."""
@@ -61,15 +66,30 @@ class Evidence:
         }
 
 
-def evidence_of(segment: Segment) -> Evidence:
-    """Return the evidence of a failure's cause, see `frenetic.segments.causes.mistake_of`."""
+def evidence_of_drive(road: Road, drive: Drive, result: Result) -> Evidence | None:
+    """Return the evidence of a drive's failure; see `evidence_of_result` for when there is none."""
+    if result.outcome is not Outcome.FAIL or not len(drive.trajectory):
+        return None
+    return evidence_of_result(segment_of(road, drive, result.finding), result)
+
+
+def evidence_of_result(segment: Segment | None, result: Result) -> Evidence | None:
+    """Return the evidence of a failure, see `frenetic.segments.causes.mistake_of`.
+
+    There is none if the drive did not fail, if a fault of the driver ended it, if it exceeded
+    another criterion than the lane's edge, or if it has no records (then `segment` is None).
+    """
+    if segment is None or result.outcome is not Outcome.FAIL or result.fault is not None:
+        return None
     cause, record = mistake_of(segment)
+    if cause.kind is Kind.EXCEEDS:
+        return None
     departure = Departure.of(segment)
     record = min(record, len(departure.time) - 1)
     account = _ACCOUNTS[cause.kind](departure, record)
     place = float(segment.assessment.distance[record])
     text = account.text
-    needed = departure.needed_steering(account.record)
+    needed = float(departure.needed_steering[account.record])
     if account.asked is not None:
         is_same_side = account.asked * needed > 0.0
         text += f" where the road needs {_steering(needed, with_side=not is_same_side)}"
@@ -79,6 +99,7 @@ def evidence_of(segment: Segment) -> Evidence:
         text += f", {before:.1f} s before it leaves"
     speed = float(departure.speed[account.record])
     return Evidence(
+        cause=cause,
         text=text,
         time=float(departure.time[record]),
         place=place,
@@ -88,19 +109,6 @@ def evidence_of(segment: Segment) -> Evidence:
         speed=speed,
         lateral_acceleration=speed**2 * abs(float(departure.curvature[account.record])),
     )
-
-
-def evidence_of_result(segment: Segment | None, result: Result) -> Evidence | None:
-    """Return the evidence of a drive's failure.
-
-    There is none if the drive did not fail, if a fault of the driver ended it, if it exceeded
-    another criterion than the lane's edge, or if it has no records (then `segment` is None).
-    """
-    if segment is None or result.outcome is not Outcome.FAIL or result.fault is not None:
-        return None
-    if mistake_of(segment).cause.kind is Kind.EXCEEDS:
-        return None
-    return evidence_of(segment)
 
 
 @dataclass(frozen=True)
@@ -133,8 +141,8 @@ def _steering(angle: float, *, with_side: bool = True) -> str:
 
 def _tell_steering(departure: Departure, record: int) -> _Account:
     """Tell the steering that differs most from what the road needs."""
-    needed = np.arctan(departure.wheelbase * departure.curvature)
-    most = _largest(departure, record, np.abs(departure.steering_input - needed))
+    excess = np.abs(departure.steering_input - departure.needed_steering)
+    most = _largest(departure, record, excess)
     asked = float(departure.steering_input[most])
     return _Account(f"steers {_steering(asked)}", most, asked)
 
@@ -142,22 +150,18 @@ def _tell_steering(departure: Departure, record: int) -> _Account:
 def _tell_holding(departure: Departure, record: int) -> _Account:
     """Tell for how long the steering is at its largest."""
     columns = departure.steering[record:], departure.steering_input[record:]
-    times = departure.time[record:]
-
-    def seconds_of(column: Any) -> float:
-        largest = np.flatnonzero(np.abs(column) >= np.abs(column).max() - 1e-9)
-        return float(times[largest[-1]] - times[largest[0]])
-
-    longest = max(columns, key=seconds_of)
+    seconds, longest = max(
+        ((hold_time(column, departure.time[record:]), column) for column in columns),
+        key=itemgetter(0),
+    )
     angle = float(longest[np.argmax(np.abs(longest))])
-    text = f"holds its steering at {_steering(angle)} for {seconds_of(longest):.1f} s"
+    text = f"holds its steering at {_steering(angle)} for {seconds:.1f} s"
     return _Account(text, _largest(departure, record, np.abs(departure.curvature)), angle)
 
 
 def _tell_rate(departure: Departure, record: int) -> _Account:
     """Tell the fastest rate of the steering."""
-    times = np.maximum(np.diff(departure.time[record:]), 1e-6)
-    rate = np.abs(np.diff(departure.steering_input[record:]) / times).max() * _DEGREES
+    rate = departure.steering_rates(record).max() * _DEGREES
     asked = float(departure.steering_input[record])
     text = f"turns its steering by {rate:.0f}° a second at most, is at {_steering(asked)}"
     return _Account(text, record, asked)
@@ -237,7 +241,6 @@ _ACCOUNTS: Final[Mapping[Kind, _Tell]] = MappingProxyType(
         Kind.ACCELERATES: _tell_accelerating,
         Kind.STANDS: _tell_standing,
         Kind.SLOW: _tell_speed,
-        Kind.EXCEEDS: _tell_speed,
     }
 )
 """Kind of cause -> function that tells it."""

@@ -27,7 +27,7 @@ from frenetic.rerun.minimise import Minimised, minimise_causes
 from frenetic.road import Road
 from frenetic.road.files import entries_of, read_road
 from frenetic.segments.causes import as_text, cause_of
-from frenetic.segments.evidence import evidence_of_result
+from frenetic.segments.evidence import evidence_of_drive
 from frenetic.segments.segment import segment_of
 from frenetic.spec import Spec
 
@@ -262,8 +262,8 @@ def _failure_lines(
     """
     length = f"{road.length:.0f} m{f', {remark}' if remark else ''}"
     lines = [f"The driver {cause}", f"  {result.reason}"]
-    segment = segment_of(road, drive, result.finding) if drive and len(drive.trajectory) else None
-    if (evidence := evidence_of_result(segment, result)) is not None:
+    evidence = None if drive is None else evidence_of_drive(road, drive, result)
+    if evidence is not None:
         lines.append(f"  mistake   {evidence.text}")
     lines.append(f"  road      {_relative_path(path)}, {length}")
     if (picture := path.with_suffix(".png")).exists():
