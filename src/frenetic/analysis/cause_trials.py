@@ -17,6 +17,7 @@ from typing import Any, Final, TypeAlias
 from msgspec import ValidationError, convert
 
 from frenetic._support.json_value import JSONValue
+from frenetic.analysis.failure_stability import Grip
 from frenetic.errors import CampaignError
 from frenetic.oracle.outcome import Outcome
 from frenetic.segments.causes import Kind
@@ -32,8 +33,8 @@ _FREQUENT: Final = 0.2
 class Trial(StrEnum):
     """A change of a failing drive, in words that follow "passes"."""
 
-    LESS_GRIP = "with 2 % less grip"
-    MORE_GRIP = "with 2 % more grip"
+    LESS_GRIP = Grip.LESS.value
+    MORE_GRIP = Grip.MORE.value
     SLOWER = "when it is 10 % slower"
     MUCH_SLOWER = "when it is 20 % slower"
     EARLIER = "when it sees the road 0.5 s earlier"

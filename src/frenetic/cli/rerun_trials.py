@@ -48,18 +48,18 @@ def try_causes(folder: Path, tester: RoadTester, options: ReplayOptions, *, as_j
     with shown_driving(log, "Trying") as on_event:
         driving["on_event"] = on_event
         tried = try_failures(folder, chosen, tester, **driving)
-    with CampaignStore.open(folder) as store:
-        causes = explained_causes(store, clusters)
-        minimised = minimised_drives(store, [cause.group.example for cause in causes])
     if as_json:
         trials = {str(number): failure.as_json() for number, failure in tried.items()}
         echo(json.dumps({"campaign": str(folder), "tried": trials}))
     elif not counts.failed:
         echo(f"{folder} holds no failure")
     elif ids is None:
+        with CampaignStore.open(folder) as store:
+            causes = explained_causes(store, clusters)
+            minimised = minimised_drives(store, [cause.group.example for cause in causes])
         print_causes(causes, clusters, counts, minimised)
     else:
         for number, failure in tried.items():
             echo(f"Test {number}: {failure.as_text()}")
-    if len(tried) < len(chosen) and not tried:
+    if chosen and not tried:
         raise interrupted(log, f"{counted(len(chosen), 'failure')} to go")

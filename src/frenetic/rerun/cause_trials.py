@@ -6,7 +6,6 @@ complete ones. `frenetic.analysis.cause_trials` says what they show.
 
 from __future__ import annotations
 
-import logging
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
@@ -24,16 +23,17 @@ from frenetic.analysis.cause_trials import (
     tried_failures,
 )
 from frenetic.analysis.clusters import CauseGroup
+from frenetic.analysis.failure_stability import Grip
 from frenetic.analysis.failures import Failure
 from frenetic.campaign.record import Test
 from frenetic.campaign.store import CampaignStore
 from frenetic.campaign.tester import RoadTester
 from frenetic.conditions.condition import condition_named
 from frenetic.drivers.stack import camera_of
-from frenetic.errors import CampaignError, DriverError, FreneticError
+from frenetic.errors import CampaignError, FreneticError
 from frenetic.oracle.outcome import Outcome
-from frenetic.rerun.campaigns import DrivingOptions, DrivingPlan, drive_missing, driving_campaign
-from frenetic.rerun.replay import ReplayRoads
+from frenetic.rerun.campaigns import DrivingOptions
+from frenetic.rerun.replay import ReplayRoads, drive_replays, keep_fact, recorded_test
 from frenetic.segments.causes import Kind
 from frenetic.segments.departure import Departure
 from frenetic.segments.evidence import swings_of
@@ -44,9 +44,6 @@ from frenetic.simulators.conditions import (
     check_pair_in,
     own_amount,
 )
-from frenetic.spec import Budget
-
-logger = logging.getLogger(__name__)
 
 MOST_CAUSES: Final = 8
 """Largest number of causes that are tried, the most frequent ones; our choice."""
@@ -64,8 +61,8 @@ class _ChangedCondition(NamedTuple):
 
 _CHANGES: Final[Mapping[Trial, _ChangedCondition]] = MappingProxyType(
     {
-        Trial.LESS_GRIP: _ChangedCondition("friction", 0.98, is_factor=True),
-        Trial.MORE_GRIP: _ChangedCondition("friction", 1.02, is_factor=True),
+        Trial.LESS_GRIP: _ChangedCondition("friction", Grip.LESS.factor, is_factor=True),
+        Trial.MORE_GRIP: _ChangedCondition("friction", Grip.MORE.factor, is_factor=True),
         Trial.SLOWER: _ChangedCondition("pace", 0.9, is_factor=True),
         Trial.MUCH_SLOWER: _ChangedCondition("pace", 0.8, is_factor=True),
         Trial.EARLIER: _ChangedCondition("preview", 0.5),
@@ -130,20 +127,11 @@ def try_failures(
         return {}
     conditions = {number: list(changed.values()) for number, changed in changes.items()}
     strategy = ReplayRoads(folder, list(changes), conditions)
-    plan = DrivingPlan(
-        strategy,
-        Budget(simulations=len(strategy)),
-        identity=strategy.options,
-        purpose={CAUSE_TRIALS: True},
-    )
-    campaign = driving_campaign(folder, plan, tester, options)
-    drive_missing(campaign, options.get("on_event"))
+    driving_folder = drive_replays(folder, tester, strategy, CAUSE_TRIALS, options)
     drives: dict[int, list[TrialDrive]] = {number: [] for number in changes}
-    with CampaignStore.open(campaign.folder) as store:
+    with CampaignStore.open(driving_folder) as store:
         for test in store.tests(with_segments=True):
-            if test.candidate.source is None:
-                raise CampaignError(f"{store.folder} is damaged: test {test.id} has no source")
-            number = test.candidate.source.test
+            number = recorded_test(store, test)
             trial = list(changes[number])[test.candidate.repeat]
             drives[number].append(_drive_of(trial, test))
     tried = {
@@ -179,7 +167,7 @@ def _changes_of(recorded: Conditions, tester: RoadTester) -> Iterator[tuple[Tria
             if trial is Trial.EARLIER and camera_of(tester.driver) is not None:
                 continue  # an image shows the road where the car is
             check_pair_in({**present, condition.name: changed}, tester.simulator, tester.driver)
-        except (FreneticError, DriverError):  # the simulator or the driver cannot have it
+        except FreneticError:  # the simulator or the driver cannot have it
             continue
         yield trial, {condition.name: changed}
 
@@ -215,10 +203,7 @@ def _keep(folder: Path | str, tried: Mapping[int, TriedFailure]) -> None:
     with CampaignStore.open(folder) as store:
         known = tried_failures(store.facts)
     everything = {**known, **tried}
-    if everything == known:
-        return
-    try:
-        with CampaignStore.open(folder, readonly=False) as store:
-            store.keep(**{CAUSE_TRIALS: to_builtins(list(everything.values()))})
-    except CampaignError as error:
-        logger.warning("the campaign does not keep its trials: %s; then repeat them", error)
+    if everything != known:
+        fact = to_builtins(list(everything.values()))
+        warning = "the campaign does not keep its trials: %s; then repeat them"
+        keep_fact(folder, CAUSE_TRIALS, fact, warning=warning)

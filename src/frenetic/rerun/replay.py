@@ -1,20 +1,28 @@
-"""The strategy that proposes the roads of another campaign."""
+"""Drives of another campaign's roads: the strategy that proposes them, and studies made of them."""
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Iterable, Mapping, Sequence
 from itertools import chain
 from pathlib import Path
 from typing import Any, ClassVar, Final, TypeAlias
 
 from frenetic._support.files import require_list
+from frenetic._support.json_value import JSONValue
+from frenetic.campaign.record import Test
 from frenetic.campaign.store import CampaignStore
+from frenetic.campaign.tester import RoadTester
 from frenetic.conditions.condition import without
 from frenetic.errors import CampaignError
+from frenetic.rerun.campaigns import DrivingOptions, DrivingPlan, drive_missing, driving_campaign
 from frenetic.road import profile
 from frenetic.search.records import Candidate, Evaluation, Origin, SourceTest
 from frenetic.search.strategy import Ledger, SearchEnded, Strategy
 from frenetic.simulators.conditions import check_conditions
+from frenetic.spec import Budget
+
+logger = logging.getLogger(__name__)
 
 OPERATOR: Final = "replay"
 """Operator in the origin of roads that are driven again."""
@@ -129,3 +137,57 @@ def _driven_candidate(store: CampaignStore, number: int) -> Candidate:
             f"test {number} is {test.outcome}: only a road that was driven can be driven again"
         )
     return test.candidate
+
+
+def recorded_test(store: CampaignStore, test: Test) -> int:
+    """Return the id of the recorded test whose road a test of a campaign drives again.
+
+    Raises:
+        CampaignError: the test does not say which.
+    """
+    if test.candidate.source is None:
+        raise CampaignError(f"{store.folder} is damaged: test {test.id} has no source")
+    return test.candidate.source.test
+
+
+def drive_replays(
+    folder: Path | str,
+    tester: RoadTester,
+    roads: ReplayRoads,
+    purpose: str,
+    options: DrivingOptions,
+) -> Path:
+    """Make the drives of a study that are missing, and return the folder of its campaign.
+
+    Args:
+        folder: folder of the campaign whose tests are studied.
+        tester: drives the roads.
+        roads: all drives of the study.
+        purpose: name of the study, in the configuration of its campaign.
+        options: see `DrivingOptions`.
+
+    Raises:
+        CampaignError: see `frenetic.rerun.campaigns.driving_campaign`.
+    """
+    plan = DrivingPlan(
+        roads,
+        Budget(simulations=len(roads)),
+        identity=roads.options,
+        purpose={purpose: True},
+    )
+    campaign = driving_campaign(folder, plan, tester, options)
+    drive_missing(campaign, options.get("on_event"))
+    return campaign.folder
+
+
+def keep_fact(folder: Path | str, name: str, fact: JSONValue, *, warning: str) -> None:
+    """Keep what a study found as a fact of its campaign.
+
+    If the campaign cannot be written, for example because it is searching, the warning is logged,
+    in which ``%s`` stands for the reason.
+    """
+    try:
+        with CampaignStore.open(folder, readonly=False) as store:
+            store.keep(**{name: fact})
+    except CampaignError as error:
+        logger.warning(warning, error)

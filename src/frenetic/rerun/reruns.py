@@ -21,6 +21,7 @@ from frenetic.oracle.drive import Rules
 from frenetic.parts.records import comparison_key, differences
 from frenetic.parts.versions import SHORT
 from frenetic.rerun.campaigns import purpose_of, rerun_folders
+from frenetic.rerun.replay import recorded_test
 from frenetic.rerun.stability import Change, Repeat, Repeats, matches_json, matches_text
 from frenetic.rerun.variations import Variation, recorded_conditions
 from frenetic.spec.part_text import part_text
@@ -188,18 +189,16 @@ def _read_repeats(store: CampaignStore, original: CampaignStore) -> dict[int, li
     recorded: dict[int, tuple[Test, Failure | None]] = {}
     drives: dict[int, list[Repeat]] = {}
     for test in sorted(store.tests(with_trajectory=True), key=lambda test: test.id):
-        if test.candidate.source is None:
-            raise CampaignError(f"{store.folder} is damaged: test {test.id} has no source")
-        number = test.candidate.source.test
+        number = recorded_test(store, test)
         if number not in recorded:
-            recorded_test = original.test(number)
-            recorded[number] = recorded_test, Failure.of_test(recorded_test)
-        recorded_test, old_failure = recorded[number]
+            old_test = original.test(number)
+            recorded[number] = old_test, Failure.of_test(old_test)
+        old_test, old_failure = recorded[number]
         new_failure = Failure.of_test(test) if old_failure is not None else None
         difference = None
         if old_failure is not None and new_failure is not None:
             difference = old_failure.difference(new_failure)
-        drives.setdefault(number, []).append(Repeat(recorded_test, test, difference))
+        drives.setdefault(number, []).append(Repeat(old_test, test, difference))
     return drives
 
 

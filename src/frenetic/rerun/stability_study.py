@@ -8,7 +8,6 @@ reads a complete one.
 
 from __future__ import annotations
 
-import logging
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -35,15 +34,12 @@ from frenetic.conditions.condition import condition_named, without
 from frenetic.drivers import Driver
 from frenetic.errors import CampaignError, FreneticError
 from frenetic.oracle.outcome import Outcome
-from frenetic.rerun.campaigns import DrivingOptions, DrivingPlan, drive_missing, driving_campaign
-from frenetic.rerun.replay import ReplayRoads
+from frenetic.rerun.campaigns import DrivingOptions
+from frenetic.rerun.replay import ReplayRoads, drive_replays, keep_fact, recorded_test
 from frenetic.rerun.rerun import tester_on_terms
 from frenetic.rerun.reruns import is_own_setup
 from frenetic.simulators.conditions import Conditions, check_can_vary, check_pair_in, own_amount
 from frenetic.simulators.simulator import Simulator
-from frenetic.spec import Budget
-
-logger = logging.getLogger(__name__)
 
 FRICTION: Final = "friction"
 """Name of the condition that is the grip."""
@@ -221,24 +217,15 @@ def _drive(
     folder: Path | str, tester: RoadTester, strategy: ReplayRoads, options: DrivingOptions
 ) -> tuple[tuple[StudiedFailure, ...], Path]:
     """Make the drives of a study that are missing; return the failures and the drives' folder."""
-    plan = DrivingPlan(
-        strategy,
-        Budget(simulations=len(strategy)),
-        identity=strategy.options,
-        purpose={STABILITY: True},
-    )
-    campaign = driving_campaign(folder, plan, tester, options)
-    drive_missing(campaign, options.get("on_event"))
+    driving_folder = drive_replays(folder, tester, strategy, STABILITY, options)
     drives: dict[int, dict[Grip, FurtherDrive]] = {
         number: {} for number in strategy.options["tests"]
     }
-    with CampaignStore.open(campaign.folder) as store:
+    with CampaignStore.open(driving_folder) as store:
         for test in store.tests(with_segments=True):
-            if test.candidate.source is None:
-                raise CampaignError(f"{store.folder} is damaged: test {test.id} has no source")
             grip = tuple(Grip)[test.candidate.repeat]
             drive = FurtherDrive(test.outcome, cause_without_side(test))
-            drives[test.candidate.source.test][grip] = drive
+            drives[recorded_test(store, test)][grip] = drive
     with CampaignStore.open(folder) as original:
         causes = {
             test.id: cause_without_side(test)
@@ -246,7 +233,7 @@ def _drive(
         }
     numbers = sorted(drives)
     studied = tuple(StudiedFailure(number, causes[number], drives[number]) for number in numbers)
-    return studied, campaign.folder
+    return studied, driving_folder
 
 
 def _keep(folder: Path | str, stability: FailureStability) -> None:
@@ -260,8 +247,5 @@ def _keep(folder: Path | str, stability: FailureStability) -> None:
         is_kept = store.facts.get(STABILITY) == fact
     if is_kept or (known is not None and known.total.failures > stability.total.failures):
         return
-    try:
-        with CampaignStore.open(folder, readonly=False) as store:
-            store.keep(**{STABILITY: fact})
-    except CampaignError as error:
-        logger.warning("the campaign does not show its stability: %s; then repeat the study", error)
+    warning = "the campaign does not show its stability: %s; then repeat the study"
+    keep_fact(folder, STABILITY, fact, warning=warning)
