@@ -302,9 +302,9 @@ def all_tables(results: Mapping[str, Result]) -> str:
 
 def title_of(bench: str) -> str:
     """Return the title of a bench: its driver, and the number of simulations of a run."""
-    found = next(known for known in BENCHES if known.name == bench)
-    driver = str(found.drive["driver"]).replace(f"{HERE.parent}/", "")
-    return f"`{driver}`, {found.simulations} simulations"
+    page_bench = next(known for known in BENCHES if known.name == bench)
+    driver = str(page_bench.drive["driver"]).replace(f"{HERE.parent}/", "")
+    return f"`{driver}`, {page_bench.simulations} simulations"
 
 
 def medians(comparison: Comparison) -> str:
@@ -327,8 +327,8 @@ def pairs(comparison: Comparison) -> str:
     lines = [["Frenetic against", *COLUMNS.values()], ["---"] * (len(COLUMNS) + 1)]
     for other in comparison.groups:
         if other != OURS.name:
-            found = (pair_with(comparison, name, other) for name in COLUMNS)
-            lines.append([other, *map(_pair_text, found)])
+            compared = (pair_with(comparison, name, other) for name in COLUMNS)
+            lines.append([other, *map(_pair_text, compared)])
     return markdown(lines)
 
 
@@ -360,11 +360,11 @@ def first_failures(results: Mapping[str, Result]) -> str:
         by = result.bound.by("simulations_to_failure")
         rivals = [name for name in by.values if name not in (OURS.name, LIKELY.name)]
         rival = min(rivals, key=lambda name: (by.quartiles(name).median, by.positions[name]))
-        found = {name: sum(map(math.isfinite, by.values[name])) for name in (OURS.name, rival)}
+        failing = {name: sum(map(math.isfinite, by.values[name])) for name in (OURS.name, rival)}
         goal = 1.2 * by.quartiles(rival).median + 3.0
-        is_met = by.quartiles(OURS.name).median <= goal and found[OURS.name] >= found[rival]
+        is_met = by.quartiles(OURS.name).median <= goal and failing[OURS.name] >= failing[rival]
         runs = len(by.values[OURS.name])
-        texts = {name: [by.median(name), f"{found[name]} of {runs}"] for name in found}
+        texts = {name: [by.median(name), f"{failing[name]} of {runs}"] for name in failing}
         goal_text = "met" if is_met else "missed"
         lines.append([bench, *texts[OURS.name], rival, *texts[rival], goal_text])
     return markdown(lines)
@@ -377,10 +377,10 @@ def verdicts(results: Mapping[str, Result]) -> str:
     for other in others:
         cells = []
         for name in COLUMNS:
-            found = Counter(
+            counts = Counter(
                 _verdict(pair_with(result.bound, name, other)) for result in results.values()
             )
-            cells.append(" ".join(f"{found[verdict]}" for verdict in ("+", "=", "-")))
+            cells.append(" ".join(f"{counts[verdict]}" for verdict in ("+", "=", "-")))
         lines.append([other, *cells])
     return markdown(lines)
 

@@ -42,7 +42,7 @@ from frenetic.simulators.conditions import (
     Conditions,
     check_can_vary,
     check_pair_in,
-    own_amount,
+    usual_amount,
 )
 
 MOST_CAUSES: Final = 8
@@ -156,9 +156,9 @@ def _changes_of(recorded: Conditions, tester: RoadTester) -> Iterator[tuple[Tria
         condition = condition_named(change.condition)
         try:
             check_can_vary(tester.simulator, [condition.name])
-            amount = present.get(condition.name, condition.no_effect)
+            amount = present.get(condition.name)
             if amount is None:
-                amount = own_amount(tester.simulator, condition.name)
+                amount = usual_amount(tester.simulator, condition.name)
             is_present = amount != condition.no_effect
             if amount is None or (trial in _TAKEN_AWAY and not is_present):
                 continue

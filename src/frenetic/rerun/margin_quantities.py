@@ -17,7 +17,7 @@ from frenetic.campaign.tester import RoadTester
 from frenetic.conditions.condition import condition_named
 from frenetic.conditions.declaration import Condition
 from frenetic.errors import FreneticError
-from frenetic.simulators.conditions import check_can_vary, check_pair_in, own_amount
+from frenetic.simulators.conditions import check_can_vary, check_pair_in, usual_amount
 
 DEFAULT_CONDITIONS: Final = (
     "overspeed",
@@ -252,9 +252,7 @@ def _usual_amount(tester: RoadTester, condition: Condition) -> float:
     check_can_vary(tester.simulator, [name])
     if name in tester.terms.conditions:
         return float(tester.terms.conditions[name])
-    usual = condition.no_effect
-    if usual is None and condition.attribute and not condition.place_of:
-        usual = own_amount(tester.simulator, name)
+    usual = usual_amount(tester.simulator, name)
     if usual is None:
         raise ValueError(f"{name} has no usual amount: a condition with a usual amount is needed")
     return float(usual)

@@ -69,19 +69,22 @@ def own_amount(simulator: Simulator, name: str) -> float | None:
     return value.speed_limit if isinstance(value, Rules) else value
 
 
-def usual_conditions(conditions: Conditions, simulator: Simulator) -> dict[str, float]:
-    """Return the usual amounts of some conditions.
+def usual_amount(simulator: Simulator, name: str) -> float | None:
+    """Return the usual amount of a condition.
 
     That is the amount without effect or, of a condition that always has an effect, such as
-    friction, the simulator's amount. A condition that is a place on the road has no usual amount.
+    friction, the simulator's amount. A place on the road has none, nor an amount that nobody says.
     """
-    amounts: dict[str, float] = {}
-    for name in condition_names(conditions):
-        usual = condition_named(name).no_effect
-        usual = own_amount(simulator, name) if usual is None else usual
-        if usual is not None:
-            amounts[name] = usual
-    return amounts
+    condition = condition_named(name)
+    if condition.no_effect is not None or condition.place_of or not condition.attribute:
+        return condition.no_effect
+    return own_amount(simulator, name)
+
+
+def usual_conditions(conditions: Conditions, simulator: Simulator) -> dict[str, float]:
+    """Return the usual amounts of some conditions, see `usual_amount`."""
+    amounts = {name: usual_amount(simulator, name) for name in condition_names(conditions)}
+    return {name: amount for name, amount in amounts.items() if amount is not None}
 
 
 def rules_in(conditions: Conditions, rules: Rules) -> Rules:
