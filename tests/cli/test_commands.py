@@ -15,7 +15,7 @@ import click
 import pytest
 
 from frenetic.campaign import Budget, Campaign, CampaignStore
-from frenetic.cli import cli
+from frenetic.cli import cli, main
 from frenetic.drivers import Planner
 from frenetic.oracle.outcome import Outcome
 from frenetic.search import RandomSearch
@@ -441,6 +441,17 @@ def test_linear_algebra_uses_one_thread_unless_the_user_sets_more(tmp_path: Path
             [sys.executable, "-c", code], cwd=tmp_path, env=others | wanted, text=True
         )
         assert done.splitlines()[-1].startswith(output)
+
+
+def test_a_file_that_ends_too_early_is_no_ctrl_c(monkeypatch: pytest.MonkeyPatch) -> None:
+    from frenetic.cli import list as command
+
+    def cut_off(*_: object) -> None:
+        raise EOFError("marshal data too short")  # as from a module that a full disk has cut off
+
+    monkeypatch.setattr(command.list_parts, "callback", cut_off)
+    with pytest.raises(EOFError, match="too short"):
+        main(["list", "drivers"])
 
 
 PRESSES_CTRL_C: Final = """

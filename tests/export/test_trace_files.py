@@ -312,7 +312,9 @@ def test_a_disk_that_fills_up_is_one_line_and_leaves_nothing_half_written(
         f"main(['export', {str(sample_campaign)!r}, *{named.split()!r}, '--format',\n"
         f"      'trace,file=mcap', '--out', {str(tmp_path / 'out')!r}])\n"
     )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    # -B: Python would also cut off the compiled modules that it writes in this time.
+    command = [sys.executable, "-B", "-c", code]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
     lines = [line for line in done.stderr.splitlines() if line.startswith("frenetic: ")]
     assert (done.returncode, done.stdout, len(lines)) == (2, "", 1), done
     assert f"{tmp_path / 'out'} cannot be written: File too large" in lines[0]

@@ -172,7 +172,9 @@ def main(arguments: Sequence[str] | None = None) -> NoReturn:
 
         logging.getLogger(__name__).debug("the error in full", exc_info=True)
         fail(str(error))
-    except (KeyboardInterrupt, click.Abort):
+    except (KeyboardInterrupt, click.Abort) as stop:
+        if isinstance(stop.__cause__, EOFError):  # an error in our code; click takes it for Ctrl-D
+            raise stop.__cause__ from None
         echo(f"frenetic: interrupted; to run it again: {invocation}", err=True)
         code = INTERRUPTED
     except BrokenPipeError:  # the reader of our output has gone
