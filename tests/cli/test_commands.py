@@ -446,7 +446,7 @@ def test_linear_algebra_uses_one_thread_unless_the_user_sets_more(tmp_path: Path
 def test_a_file_that_ends_too_early_is_no_ctrl_c(monkeypatch: pytest.MonkeyPatch) -> None:
     from frenetic.cli import list as command
 
-    def cut_off(*_: object) -> None:
+    def cut_off(**_: object) -> None:
         raise EOFError("marshal data too short")  # as from a module that a full disk has cut off
 
     monkeypatch.setattr(command.list_parts, "callback", cut_off)
