@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from frenetic._support.json_value import JSONValue
 from frenetic.analysis.cause_trials import Certainty, TriedFailure, tried_failures
 from frenetic.analysis.clusters import CauseGroup, Clusters
+from frenetic.analysis.passing import passing_drives
 from frenetic.campaign.store import CampaignStore
 from frenetic.segments.evidence import Evidence, evidence_of_result
 
@@ -60,13 +61,13 @@ def explained_causes(store: CampaignStore, clusters: Clusters) -> tuple[Explaine
     Raises:
         CampaignError: the campaign is damaged.
     """
-    tried = tried_failures(store.facts)
+    tried, passing = tried_failures(store.facts), passing_drives(store)
     causes = []
     for group in clusters.causes:
         evidence = None
         if group.fault is None:
             test = store.test(group.example)
-            evidence = evidence_of_result(test.segment, test.result)
+            evidence = evidence_of_result(test.segment, test.result, passing)
         share = group.failures / clusters.failures
         causes.append(ExplainedCause(group, share, evidence, tried.get(group.example)))
     return tuple(causes)

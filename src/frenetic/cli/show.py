@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     from frenetic.analysis.coverage import DomainCoverage
     from frenetic.campaign import CampaignStore, Test
     from frenetic.campaign.counts import Counts
-    from frenetic.segments.evidence import Evidence
+    from frenetic.segments.passing import PassingDrives
 
 MAX_GAPS: Final = 3
 """Largest number of printed cells without a drive (our choice); the JSON has all."""
@@ -386,13 +386,6 @@ def _cause_text(test: Test) -> str:
     return "" if failure is None or failure.cause is None else as_text(*failure.cause)
 
 
-def _evidence_of(test: Test) -> Evidence | None:
-    """Return the evidence of a failed test's cause; None if there is none."""
-    from frenetic.segments.evidence import evidence_of_result
-
-    return evidence_of_result(test.segment, test.result)
-
-
 def _trials_text(store: CampaignStore, test_id: int) -> str:
     """Return what trials of a test's cause showed; empty without trials."""
     from frenetic.analysis.cause_trials import tried_failures
@@ -407,7 +400,7 @@ def _part_text(config: Mapping[str, Any], kind: str) -> str:
     return recorded_part(config, kind) + (f" [{version}]" if version else "")
 
 
-def _draw(store: CampaignStore, test: Test) -> str:
+def _draw(store: CampaignStore, test: Test, passing: PassingDrives | None) -> str:
     """Draw a test into the campaign's folder; return the picture's path, or why there is none."""
     from frenetic.campaign.record import file_stem
     from frenetic.report.failures import FAILURES, PICTURES
@@ -417,7 +410,7 @@ def _draw(store: CampaignStore, test: Test) -> str:
     picture = store.folder / folder_name / f"{file_stem(test.id)}.png"
     try:
         picture.parent.mkdir(exist_ok=True)
-        draw_test(test, picture, f"Test {test.id}: {test.outcome}")
+        draw_test(test, picture, f"Test {test.id}: {test.outcome}", passing)
     except (OSError, FreneticError) as error:
         return f"not drawn, {error}"
     return str(picture)
@@ -461,12 +454,16 @@ def _objective_value_text(store: CampaignStore, test: Test) -> str:
 
 def _show_test(store: CampaignStore, test_id: int, as_json: bool) -> None:
     """Draw a test, and print everything that is known about it."""
+    from frenetic.analysis.passing import passing_drives
     from frenetic.campaign.stored_spec import signed_driving
     from frenetic.report.failures import road_document
+    from frenetic.segments.evidence import evidence_of_result
 
     test = store.test(test_id)
     result_number, own_conditions = test.result_number, test.candidate.conditions
-    picture, evidence = _draw(store, test), _evidence_of(test)
+    passing = passing_drives(store) if test.outcome is Outcome.FAIL else None
+    evidence = evidence_of_result(test.segment, test.result, passing)
+    picture = _draw(store, test, passing)
     if as_json:
         document = road_document(test, store.config, signed_driving(store))
         further = {

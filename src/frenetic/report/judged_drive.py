@@ -20,6 +20,7 @@ from frenetic.oracle.verdict import Result, judge
 from frenetic.report.style import OUTCOME_COLOURS
 from frenetic.road import Road
 from frenetic.segments.evidence import Evidence, evidence_of_drive
+from frenetic.segments.passing import PassingDrives
 
 KMH: Final = 3.6
 """Km/h in one m/s."""
@@ -42,6 +43,8 @@ class JudgedDrive:
     """Heading at each record, (n,) in rad."""
     speed: FloatArray
     """Speed along the car at each record, (n,) in km/h."""
+    passing: PassingDrives | None = None
+    """Passing drives of the same driver, if they are known."""
 
     def __len__(self) -> int:
         return len(self.distance)
@@ -49,7 +52,7 @@ class JudgedDrive:
     @cached_property
     def mistake(self) -> Evidence | None:
         """The driver's first mistake before a failure; None if there is none."""
-        return evidence_of_drive(self.road, self.drive, self.result)
+        return evidence_of_drive(self.road, self.drive, self.result, self.passing)
 
 
 def road_of(drive: Drive, road: Road | None) -> Road:
@@ -64,7 +67,9 @@ def road_of(drive: Drive, road: Road | None) -> Road:
     return driven_road
 
 
-def judge_drive(road: Road, thing: Drive | Test) -> JudgedDrive:
+def judge_drive(
+    road: Road, thing: Drive | Test, passing: PassingDrives | None = None
+) -> JudgedDrive:
     """Judge a drive for its picture; the drive of a test keeps the campaign's verdict.
 
     Stored records are rounded, so a new verdict could differ from the campaign's at a limit.
@@ -93,6 +98,7 @@ def judge_drive(road: Road, thing: Drive | Test) -> JudgedDrive:
         xy=np.clip(np.column_stack([trajectory.x[:n], trajectory.y[:n]]), -1e6, 1e6),
         heading=trajectory.heading[:n],
         speed=trajectory.speed[:n] * KMH,
+        passing=passing,
     )
 
 

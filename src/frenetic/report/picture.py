@@ -60,6 +60,7 @@ from frenetic.report.style import (
 )
 from frenetic.report.view import Box, View
 from frenetic.road import Road
+from frenetic.segments.passing import PassingDrives
 
 MAX_SHEET: Final = 400
 """Largest number of pictures on one contact sheet."""
@@ -81,6 +82,7 @@ def draw_drive(
     path: Path | str,
     *,
     title: str | None = None,
+    passing: PassingDrives | None = None,
 ) -> None:
     """Write a picture of one drive to ``path``: PNG, SVG or PDF by its suffix.
 
@@ -94,27 +96,30 @@ def draw_drive(
         drive: the drive, which is judged with its own rules, or a test that was driven.
         path: path of the file; an existing file is replaced.
         title: headline; by default the outcome.
+        passing: passing drives of the same driver, with which a mistake is compared.
 
     Raises:
         FreneticError: the path has another suffix, or the file cannot be written.
     """
     form = form_of(path)
     with mpl.rc_context(STYLE):
-        judged = judge_drive(road, drive)
+        judged = judge_drive(road, drive, passing)
         result = judged.result
         title = title or f"Drive: {result.outcome}"
         figure = _page(road, judged, title, result.reason, OUTCOME_COLOURS[result.outcome])
         write_figure(figure, path, form)
 
 
-def draw_test(test: Test, path: Path | str, title: str) -> None:
+def draw_test(
+    test: Test, path: Path | str, title: str, passing: PassingDrives | None = None
+) -> None:
     """Write a picture of a test's drive to ``path``, or of its road if no drive is recorded.
 
     Raises:
         FreneticError: the path has another suffix, or the file cannot be written.
     """
     if test.drive is not None:
-        draw_drive(test.road, test, path, title=title)
+        draw_drive(test.road, test, path, title=title, passing=passing)
     else:
         draw_road(test.road, path, title=title, reason=test.reason, outcome=test.outcome)
 

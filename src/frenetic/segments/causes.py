@@ -132,11 +132,15 @@ def cause_of(segment: Segment) -> Cause:
     return mistake_of(segment).cause
 
 
-def mistake_of(segment: Segment) -> Mistake:
+def mistake_of(segment: Segment, usual_offset: float | None = None) -> Mistake:
     """Return the first mistake before a failure, by the rules in this module's docstring.
 
     Criteria other than leaving the lane have the cause `Kind.EXCEEDS`. A car that stayed in its
     lane stood still or was too slow.
+
+    Args:
+        segment: segment of the failure.
+        usual_offset: see `Departure.usual_offset`.
     """
     place = int(np.argmin(np.abs(segment.assessment.distance - segment.place)))
     if segment.criterion not in (None, LANE, DRIVER, EDGE_DISTANCE):
@@ -146,7 +150,7 @@ def mistake_of(segment: Segment) -> Mistake:
         return _mistake_of_standing(segment)
     if len(segment.assessment.distance) < _MIN_RECORDS:
         return Mistake(Cause(Kind.ASTRAY), place)
-    departure = Departure.of(segment)
+    departure = Departure.of(segment, usual_offset)
     return _wrong_command(departure) or _mistake_of_departure(departure)
 
 

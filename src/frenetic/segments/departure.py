@@ -7,8 +7,9 @@ time. The road's gain is positive where the road bends away from that side. The 
 positive where the car turns towards that side; as long as the tyres grip, the car turns as it
 steers.
 
-The car was *sound* while it was on its line: near the lane's middle, or no further from it than it
-was for most of the drive, and moving along the road.
+The car was *sound* while it was on its line: near the lane's middle, or no further from it than
+usual, and moving along the road. Usual is what the driver does in its passing drives, where they
+are known, and what it did for most of this drive otherwise.
 """
 
 from __future__ import annotations
@@ -79,9 +80,11 @@ class Departure:
     """Brake pedal, 0..1."""
     last_slide: int | None
     """First record of the last slide; None without a slide."""
+    usual_offset: float | None = None
+    """Offset up to which the driver keeps its line in its passing drives, in m; None if unknown."""
 
     @classmethod
-    def of(cls, segment: Segment) -> Departure:
+    def of(cls, segment: Segment, usual_offset: float | None = None) -> Departure:
         """Return the records and gains of a drive up to the departure."""
         assessment, path = segment.assessment, segment.drive.trajectory
         n = len(assessment.distance)
@@ -121,6 +124,7 @@ class Departure:
             throttle=throttle,
             brake=brake,
             last_slide=_start_of_slide(time, rear_speed, speed),
+            usual_offset=usual_offset,
         )
 
     @property
@@ -145,8 +149,11 @@ class Departure:
     def last_sound(self) -> int:
         """Last record in which the car was sound; 0 if there is none."""
         offsets = np.abs(self.offset)
-        usual = int(_LINE_QUANTILE * (len(offsets) - 1))
-        line = min(max(_LINE, float(np.partition(offsets, usual)[usual])), _FARTHEST_LINE)
+        usual = self.usual_offset
+        if usual is None:
+            rank = int(_LINE_QUANTILE * (len(offsets) - 1))
+            usual = float(np.partition(offsets, rank)[rank])
+        line = min(max(_LINE, usual), _FARTHEST_LINE)
         is_sound = (offsets <= line) & (np.abs(self.lateral_speed) <= _ALONG_SPEED)
         # A car that swings through its lane's middle is not sound: it has to stay so for a while.
         for first, last in reversed(stretches(is_sound)):

@@ -15,9 +15,10 @@ from frenetic.oracle.outcome import Outcome
 from frenetic.oracle.verdict import Result
 from frenetic.road import Road
 from frenetic.segments.bends import place_text
-from frenetic.segments.causes import Cause, Kind, hold_time, mistake_of
+from frenetic.segments.causes import Cause, Kind, Mistake, hold_time, mistake_of
 from frenetic.segments.commands import MOST_STEERING
 from frenetic.segments.departure import Departure
+from frenetic.segments.passing import PassingDrives, Usual
 from frenetic.segments.segment import Segment, segment_of
 
 _AFTERWARDS: Final = 0.6
@@ -26,6 +27,12 @@ choice."""
 _MOST_SWINGS: Final = 4  # largest number of swings that a text tells (our choice)
 _LEAST_SWING: Final = 0.1  # [m] from the lane's middle to the peak of a swing (our choice)
 _DEGREES: Final = 180.0 / np.pi
+_OF_SPEED: Final = frozenset({Kind.BRAKES_LATE, Kind.ACCELERATES, Kind.TOO_FAST})
+_OF_STEERING: Final = frozenset(
+    {Kind.WRONG_WAY, Kind.CUTS, Kind.TOO_LITTLE, Kind.HELD, Kind.SLOW_STEERING}
+)
+_OF_OFFSET: Final = frozenset({Kind.OSCILLATES, Kind.ASTRAY})
+"""Kinds of mistake whose speed, steering or offset is compared with passing drives."""
 
 
 @dataclass(frozen=True)
@@ -51,6 +58,9 @@ class Evidence:
     """Speed there, in m/s."""
     lateral_acceleration: float
     """Acceleration that the road's curvature demands at this speed, in m/s²."""
+    usual: Usual | None = None
+    """What the driver does in its passing drives, which `text` says at its end; None if they are
+    not known, or too few."""
 
     def as_json(self) -> dict[str, Any]:
         """Return text and numbers as a JSON object."""
@@ -63,28 +73,38 @@ class Evidence:
             "needed_steering": round(self.needed_steering, 4),
             "speed": round(self.speed, 3),
             "lateral_acceleration": round(self.lateral_acceleration, 3),
+            "passing_drives": None if self.usual is None else self.usual.as_json(),
         }
 
 
-def evidence_of_drive(road: Road, drive: Drive, result: Result) -> Evidence | None:
+def evidence_of_drive(
+    road: Road, drive: Drive, result: Result, passing: PassingDrives | None = None
+) -> Evidence | None:
     """Return the evidence of a drive's failure; see `evidence_of_result` for when there is none."""
     if result.outcome is not Outcome.FAIL or not len(drive.trajectory):
         return None
-    return evidence_of_result(segment_of(road, drive, result.finding), result)
+    return evidence_of_result(segment_of(road, drive, result.finding), result, passing)
 
 
-def evidence_of_result(segment: Segment | None, result: Result) -> Evidence | None:
+def evidence_of_result(
+    segment: Segment | None, result: Result, passing: PassingDrives | None = None
+) -> Evidence | None:
     """Return the evidence of a failure, see `frenetic.segments.causes.mistake_of`.
 
     There is none if the drive did not fail, if a fault of the driver ended it, if it exceeded
     another criterion than the lane's edge, or if it has no records (then `segment` is None).
+
+    Args:
+        segment: segment of the failure.
+        result: result of the drive.
+        passing: passing drives of the same driver, if they are known.
     """
     if segment is None or result.outcome is not Outcome.FAIL or result.fault is not None:
         return None
-    cause, record = mistake_of(segment)
+    cause, record = _mistake_of(segment, passing)
     if cause.kind is Kind.EXCEEDS:
         return None
-    departure = Departure.of(segment)
+    departure = Departure.of(segment, None if passing is None else passing.offset)
     record = min(record, len(departure.time) - 1)
     account = _ACCOUNTS[cause.kind](departure, record)
     place = float(segment.assessment.distance[record])
@@ -97,6 +117,9 @@ def evidence_of_result(segment: Segment | None, result: Result) -> Evidence | No
     before = departure.before_end(record)
     if segment.side is not None:
         text += f", {before:.1f} s before it leaves"
+    usual = _usual(cause.kind, passing, float(departure.curvature[account.record]))
+    if usual is not None:
+        text += f" (in its passing drives it {usual.text})"
     speed = float(departure.speed[account.record])
     return Evidence(
         cause=cause,
@@ -108,7 +131,38 @@ def evidence_of_result(segment: Segment | None, result: Result) -> Evidence | No
         needed_steering=needed,
         speed=speed,
         lateral_acceleration=speed**2 * abs(float(departure.curvature[account.record])),
+        usual=usual,
     )
+
+
+def _mistake_of(segment: Segment, passing: PassingDrives | None) -> Mistake:
+    """Return the first mistake, from the last moment at which the car drove as in passing drives.
+
+    The cause is the one that was stored with the drive, when its driver's passing drives were not
+    known. Should they speak for another cause, the moment is the one on which that cause rests.
+    """
+    mistake = mistake_of(segment)
+    if passing is None:
+        return mistake
+    compared = mistake_of(segment, passing.offset)
+    return compared if compared.cause == mistake.cause else mistake
+
+
+def _usual(kind: Kind, passing: PassingDrives | None, curvature: float) -> Usual | None:
+    """Return what a driver does in passing drives instead of a mistake of this kind.
+
+    Args:
+        kind: kind of the mistake.
+        passing: passing drives, if they are known.
+        curvature: curvature of the road where the mistake is largest, in 1/m.
+    """
+    if passing is None:
+        return None
+    if kind in _OF_SPEED:
+        return passing.usual_speed(curvature)
+    if kind in _OF_STEERING:
+        return passing.usual_steering(curvature)
+    return passing.usual_offset() if kind in _OF_OFFSET else None
 
 
 @dataclass(frozen=True)

@@ -16,6 +16,7 @@ from frenetic.analysis.bend_map import sweep_map
 from frenetic.analysis.clusters import Clusters
 from frenetic.analysis.coverage import domain_coverage
 from frenetic.analysis.failures import Failure
+from frenetic.analysis.passing import passing_drives
 from frenetic.campaign.configuration import SPEC
 from frenetic.campaign.record import Test
 from frenetic.campaign.store import CampaignStore
@@ -179,13 +180,14 @@ def _drives(store: CampaignStore, shown: Sequence[int]) -> list[dict[str, Any]]:
     ]
     batches = (shown[i : i + _BATCH] for i in range(0, len(shown), _BATCH))
     records = (store.tests_with_ids(batch, with_trajectory=True) for batch in batches)
+    passing = passing_drives(store)
     for record in chain.from_iterable(records):
         if drive_bytes_left <= 0:
             break
         if (segment := record.segment) is None:
             continue
         origin, failure = record.candidate.origin, Failure.of_driven(record)
-        data = drive_data(record.id, record.result, segment, origin, failure)
+        data = drive_data(record.id, record.result, segment, origin, failure, passing)
         data |= files_of(record.id, store)
         if conditions := as_text(record.candidate.conditions):
             data["reason"] += f"; {conditions}"

@@ -26,6 +26,7 @@ from frenetic.search.operator_names import OPERATOR_DESCRIPTIONS
 from frenetic.search.records import Origin
 from frenetic.search.road_families import FAMILIES
 from frenetic.segments.evidence import evidence_of_result
+from frenetic.segments.passing import PassingDrives
 from frenetic.segments.segment import Segment
 
 RATE: Final = 10.0
@@ -148,6 +149,7 @@ def drive_data(
     segment: Segment,
     origin: Origin | None = None,
     failure: Failure | None = None,
+    passing: PassingDrives | None = None,
 ) -> dict[str, Any]:
     """Return a test with its road and its drive for the script, a few kilobytes in SI units.
 
@@ -157,10 +159,11 @@ def drive_data(
         segment: a segment of the drive; any will do.
         origin: origin of the candidate; None if it is not shown.
         failure: failure or near miss of the drive, if it is known.
+        passing: passing drives of the same driver, if they are known.
     """
     happens = describe_drive(segment, result) if failure is None else describe(failure)
     drive, road, departure = segment.drive, segment.road, result.departure
-    car, mistake = drive.car, evidence_of_result(segment, result)
+    car, mistake = drive.car, evidence_of_result(segment, result, passing)
     return {
         "id": id,
         "outcome": result.outcome,
