@@ -120,7 +120,16 @@ BREAKS_PROTOCOL: Final = "breaks into its process's descriptors"
 """Kind of the fault of a driver that writes to its process's descriptors, or closes them."""
 GIVES_NO_CONTROLS: Final = "gives no usable controls"
 """Kind of the fault of a driver that does not return controls with finite numbers."""
-OWN_KINDS: Final = (HANGS, ENDS_ITS_PROCESS, IS_KILLED, BREAKS_PROTOCOL, GIVES_NO_CONTROLS)
+REPORTS: Final = "reports an error"
+"""Kind of the fault of a driver's program that says that it cannot go on."""
+OWN_KINDS: Final = (
+    HANGS,
+    ENDS_ITS_PROCESS,
+    IS_KILLED,
+    BREAKS_PROTOCOL,
+    GIVES_NO_CONTROLS,
+    REPORTS,
+)
 """Kinds of faults that are not the name of an error's class."""
 
 
@@ -142,7 +151,14 @@ class Fault:
         if issubclass(type(error), FreneticError) and (cause := _cause_of(error)) is not None:
             error = cause
         file, line = _call_of(error) or ("", 0)
-        kind = GIVES_NO_CONTROLS if issubclass(type(error), ControlsError) else _class_name(error)
+        kinds = {
+            ControlsError: GIVES_NO_CONTROLS,
+            DriverEndedError: ENDS_ITS_PROCESS,
+            DriverLateError: HANGS,
+            DriverReportError: REPORTS,
+        }
+        known = (kinds[known] for known in kinds if issubclass(type(error), known))
+        kind = next(known, None) or _class_name(error)
         return cls(part, kind, file and _short_path(file), line)
 
     def __str__(self) -> str:
@@ -262,6 +278,18 @@ class DriverError(FreneticError):
 
 class ControlsError(DriverError):
     """A driver that returned no `Controls`, or numbers in them that are not finite."""
+
+
+class DriverEndedError(DriverError):
+    """A driver whose program ended, or closed its output, instead of an answer."""
+
+
+class DriverLateError(DriverError):
+    """A driver whose program took too long for an answer."""
+
+
+class DriverReportError(DriverError):
+    """A driver whose program reports that it cannot go on."""
 
 
 class UnknownNameError(FreneticError, LookupError):

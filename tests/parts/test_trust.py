@@ -336,6 +336,18 @@ def test_a_program_that_a_strangers_simulator_starts_is_refused(
     assert not received.exists()
 
 
+@pytest.mark.parametrize("kind", ["driver", "strategy", "simulator"])
+def test_a_program_that_a_stranger_names_is_refused_in_full(
+    frenetic: Frenetic, received: Path, kind: str
+) -> None:
+    text = "command:touch started --now"
+    change_fact("c", "config", with_entry(kind, text))
+    refused = frenetic(*commands()["resume"])
+    assert refused.refuses(f"the {kind} '{text}'", "add --trust")
+    assert not Path("started").exists()
+    assert not received.exists()
+
+
 def test_a_strangers_scheduler_is_refused_until_it_is_named(
     frenetic: Frenetic, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -11,6 +11,12 @@ from typing import Any, Final
 from frenetic._support.json_value import plain
 from frenetic._support.outside_text import BeyondLimitsError, read_json
 
+COMMAND: Final = "command"
+"""Name of a part that is a program of any language."""
+PROGRAM: Final = "program"
+"""Name of its option with the program and the program's arguments."""
+_COMMAND: Final = f"{COMMAND}:"
+"""Beginning of such a part's text, as in ``command:./controller --gain 2``."""
 _PYTHON_CONSTANTS: Final = {"True": True, "False": False, "None": None}
 
 
@@ -44,11 +50,14 @@ _PIECE: Final = re.compile(r'"(?:[^"\\]|\\.)*"|[^,"\[\]{}]+|[\[\]{},"]')
 def read_part(text: str) -> tuple[str | None, dict[str, Any]]:
     """Return name and options of ``planner,aggression=1.2``; None for options without a name.
 
-    A comma separates, unless it is quoted or within brackets: ``sites=[1,2]``, ``path="a,b"``.
+    A comma separates, unless it is quoted or within brackets: ``sites=[1,2]``, ``path="a,b"``. All
+    that follows ``command:`` is the option ``program`` of the part ``command``.
 
     Raises:
         ValueError: an option has no value, is there twice, or its value cannot be read.
     """
+    if text.lstrip().startswith(_COMMAND):
+        return COMMAND, {PROGRAM: text.partition(":")[2].strip()}
     first, *others = _split_at_commas(text)
     is_quoted = first.startswith('"')
     has_name = is_quoted or "=" not in first
@@ -77,6 +86,8 @@ def _split_at_commas(text: str) -> list[str]:
 
 def part_word(name: str | None, options: Mapping[str, Any]) -> str:
     """Return a part's text, from which `read_part` reads name and options back."""
+    if name == COMMAND and [*options] == [PROGRAM]:
+        return f"{_COMMAND}{options[PROGRAM]}"
     items = [f"{option}={_setting_text(value)}" for option, value in options.items()]
     if name is not None:
         needs_quotes = not set(name).isdisjoint(',="[]{}')

@@ -12,6 +12,7 @@ from frenetic._support.lazy_names import import_name
 if TYPE_CHECKING:
     from frenetic.drivers.builtin import BeamngAi, Planner, SpeedPlan, Stanley
     from frenetic.drivers.camera import Camera
+    from frenetic.drivers.command import CommandDriver
     from frenetic.drivers.driver import CameraDriver, Controls, Driver, DriveSetup, Observation
     from frenetic.drivers.lane import Lane
     from frenetic.drivers.sensor_errors import (
@@ -37,6 +38,7 @@ __all__ = [
     "BeamngAi",
     "Camera",
     "CameraDriver",
+    "CommandDriver",
     "Controls",
     "Delayed",
     "DriveSetup",
@@ -67,6 +69,7 @@ _MODULES = {
     "BeamngAi": "frenetic.drivers.builtin",
     "Camera": "frenetic.drivers.camera",
     "CameraDriver": "frenetic.drivers.driver",
+    "CommandDriver": "frenetic.drivers.command",
     "Controls": "frenetic.drivers.driver",
     "Delayed": "frenetic.drivers.wrappers",
     "DriveSetup": "frenetic.drivers.driver",

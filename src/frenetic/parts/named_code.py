@@ -7,6 +7,7 @@ import re
 from collections.abc import Mapping
 from typing import Any, Final, TypeAlias
 
+from frenetic._support.option_text import PROGRAM
 from frenetic.parts.registry import DRIVERS, OBJECTIVES, SIMULATORS, STRATEGIES, Registry
 
 Parts: TypeAlias = Mapping[str, tuple[str, Mapping[str, Any]]]
@@ -22,7 +23,7 @@ REGISTRIES: Final[Mapping[str, Registry]] = {
 """Kind of a part -> registry of such parts."""
 NOT_DRIVING: Final = ("strategy", "objective", "workers")
 """Kinds of parts that reruns of a campaign's roads do not make."""
-_PROGRAM_OPTIONS: Final = frozenset({"home", "user", "python", "copy", "pipeline", "path"})
+_PROGRAM_OPTIONS: Final = frozenset({"home", "user", "python", "copy", "pipeline", "path", PROGRAM})
 """Options that name a program to start, or a folder of code, whatever their value looks like."""
 _TEXT_OPTIONS: Final = frozenset({"host"})
 """Options whose values look like names of files but are not: names of computers have dots."""

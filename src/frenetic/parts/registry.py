@@ -30,6 +30,7 @@ from frenetic.parts.construction import (
     option_names,
     required_options,
 )
+from frenetic.parts.paths import absolute_files, path_in
 from frenetic.parts.user_modules import load_own_module, load_user_file
 
 
@@ -151,9 +152,9 @@ class Registry:
         if name in {entry.name for entry in self.entries()}:
             return name, options
         if source.endswith(".py"):
-            return f"{_path_in(folder, source).absolute()}:{attribute}", options
+            return f"{path_in(folder, source).absolute()}:{attribute}", options
         if Path(name).suffix.lower() in self.files:
-            return str(_path_in(folder, name).absolute()), options
+            return str(path_in(folder, name).absolute()), options
         raise FreneticError(
             f"the {self.kind} {name!r} is a module, which would be imported from {folder},"
             " and another part is loaded from another folder: name its file, such as"
@@ -376,26 +377,6 @@ def _one_line(error: BaseException) -> str:
     return " ".join(str(error).split()) or type(error).__name__
 
 
-def _path_in(folder: Path | str, name: str) -> Path:
-    """Return the path of a user's file, which may be relative to a folder."""
-    return Path(folder, Path(name).expanduser())
-
-
-def absolute_files(options: Mapping[str, Any], folder: Path | str) -> dict[str, Any]:
-    """Return options in which the path of each existing file is absolute.
-
-    Args:
-        options: options of a part.
-        folder: folder to which relative paths refer.
-    """
-    return {
-        option: str(file.absolute())
-        if isinstance(value, str) and value and (file := _path_in(folder, value)).exists()
-        else value
-        for option, value in options.items()
-    }
-
-
 STRATEGIES: Final = Registry(
     kind="strategy",
     group="frenetic.strategies",
@@ -411,6 +392,10 @@ STRATEGIES: Final = Registry(
         ),
         "random": ("frenetic.search:RandomSearch", "random roads only, the baseline"),
         "sweep": ("frenetic.search:Sweep", "single bends over radius and speed limit, for a map"),
+        "command": (
+            "frenetic.search.command:CommandSearch",
+            'a program in any language, command:"node search.mjs"',
+        ),
     },
     methods=("ask", "tell"),
 )
@@ -427,6 +412,10 @@ DRIVERS: Final = Registry(
         "beamng-ai": (
             "frenetic.drivers:BeamngAi",
             "a model of BeamNG.AI, fitted to recorded drives; in the simulator beamng, BeamNG.AI",
+        ),
+        "command": (
+            "frenetic.drivers.command:CommandDriver",
+            'a program in any language, command:"./controller --gain 2"',
         ),
     },
     methods=("reset", "act"),
@@ -466,6 +455,10 @@ SIMULATORS: Final = Registry(
         "embedded": (
             "frenetic.simulators:EmbeddedSimulator",
             "a dynamic single-track car in compiled code, headless",
+        ),
+        "command": (
+            "frenetic.simulators.command:CommandSimulator",
+            'a program in any language that moves a car, command:"./simulator"',
         ),
     },
     methods=("drive", "__enter__", "__exit__"),

@@ -23,7 +23,7 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Final, NamedTuple
 
-from frenetic._support.option_text import part_word
+from frenetic._support.option_text import PROGRAM, part_word
 from frenetic._support.printable import shortened
 from frenetic.errors import FreneticError
 from frenetic.parts.allowed_files import allow, is_allowed
@@ -131,7 +131,8 @@ def _texts_and_remedy(
     texts, arguments, have_options = [], [], True
     for kind in kinds:
         word, (name, options) = without_number(kind), parts[kind]
-        texts.append(f"the {word} {shortened(name, _MAX_TEXT)!r}")
+        text = part_word(name, options) if PROGRAM in options else name
+        texts.append(f"the {word} {shortened(text, _MAX_TEXT)!r}")
         if word in optional:
             arguments += [f"--{word}", shortened(part_word(name, options), _MAX_TEXT)]
         else:

@@ -7,7 +7,8 @@
   a package in an editable install is local. The digest leaves out modules that are imported by a
   computed name, and data that the part opens by itself.
 
-Files that are arguments of a part, such as models, add a digest of their contents.
+Files that are arguments of a part, such as models, and a part that is a program add a digest of
+their contents.
 """
 
 from __future__ import annotations
@@ -91,7 +92,8 @@ def _version(
             sources |= loaded or {module: inspect.getsource(item)}
         elif item in classes and package not in sys.stdlib_module_names:
             texts.append(_distribution(module))
-    file_digests = [digest_of_file(Path(path)) for path in _paths(arguments)]
+    own_files = getattr(part, "version_files", ()) if _is_ours(part) else ()
+    file_digests = [digest_of_file(Path(path)) for path in (*own_files, *_paths(arguments))]
     if sources:
         digest = hashlib.sha256(json.dumps(sorted(sources.items())).encode()).hexdigest()
         texts.insert(0, f"source {digest[:SHORT]}")
@@ -191,6 +193,11 @@ def _source_file(module: str) -> str | None:
 def _class_of(value: object) -> Any:
     """Return the class of a value; a class or a function stands for itself."""
     return value if isinstance(value, type | FunctionType) else type(value)
+
+
+def _is_ours(part: object) -> bool:
+    """Return whether a part's class is Frenetic's."""
+    return type(part).__module__.partition(".")[0] == _PACKAGE
 
 
 def _paths(values: Mapping[str, Any]) -> Iterator[str]:

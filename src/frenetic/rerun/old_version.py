@@ -35,7 +35,8 @@ from frenetic.campaign.tester import RoadTester
 from frenetic.errors import CampaignError
 from frenetic.oracle.outcome import Outcome
 from frenetic.parts.named_code import NOT_DRIVING, REGISTRIES
-from frenetic.parts.registry import DRIVERS, absolute_files
+from frenetic.parts.paths import absolute_files
+from frenetic.parts.registry import DRIVERS
 from frenetic.parts.trust import require_trusted
 from frenetic.parts.user_modules import user_folders
 from frenetic.parts.versions import sources_named

@@ -1,0 +1,231 @@
+"""A driver that is a program in any language: docs/programs.md describes what they write."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import asdict, astuple, fields
+from struct import Struct
+from typing import Any, ClassVar, Final, Literal
+
+import numpy as np
+
+from frenetic._support.arrays import FloatArray
+from frenetic._support.bounds import Finite, Positive, Share, check
+from frenetic._support.option_text import PROGRAM
+from frenetic.drivers.driver import AHEAD_POINTS, Controls, DriveSetup, Observation
+from frenetic.errors import (
+    ControlsError,
+    DriverEndedError,
+    DriverLateError,
+    DriverReportError,
+)
+from frenetic.processes.programs import (
+    Answer,
+    AnswerError,
+    Program,
+    ProgramEnded,
+    ProgramLate,
+    ProgramReport,
+    files_of,
+    words_of,
+)
+
+PROTOCOL: Final = 1
+"""Version of the messages."""
+NUMBERS: Final = (
+    "time",
+    "speed",
+    "yaw_rate",
+    "steering",
+    "lateral_offset",
+    "heading_error",
+    "distance",
+    "x",
+    "y",
+    "heading",
+    "lateral_speed",
+    "speed_limit",
+)
+"""Attributes of an `Observation` that are one number, in the order of a binary record."""
+_HEAD: Final = 2 + len(NUMBERS)  # numbers of a record before the points ahead
+RECORD_NUMBERS: Final = _HEAD + 4 * AHEAD_POINTS
+"""Numbers of a binary record, each 8 bytes."""
+_RESET, _ACT = 0.0, 1.0
+"""First number of a binary record: what it is."""
+_HEAD_FORM: Final = Struct(f"<{_HEAD}d")
+_CONTROLS_FORM: Final = Struct("<3d")
+
+
+class DriverHello(Answer):
+    """The answer of a driver's program to the first message."""
+
+    records: Literal["json", "binary"] = "json"
+    """Form of the messages that follow."""
+    period: float | None = None
+    """Time between two decisions, in s; None for the simulator's, usually 0.05."""
+
+
+class WantedControls(Answer):
+    """The answer to an observation."""
+
+    steering: Finite | None = None
+    """Wanted angle of the front wheels, in rad, positive to the left."""
+    throttle: Share = 0.0
+    """Throttle pedal, 0..1."""
+    brake: Share = 0.0
+    """Brake pedal, 0..1."""
+
+
+class CommandDriver:
+    """A program in any language that reads observations and writes controls.
+
+    The program runs from the first drive on, for all drives, and is started again after it was
+    lost. It runs in the current folder, without a shell.
+
+    Args:
+        program: the program with its arguments, split as a shell does.
+        deadline: wall time that the program has for each answer, in s; a later one is a fault of
+            the driver. For its first answer it has at least 60 s.
+    """
+
+    BEHAVIOUR: ClassVar[int] = 1
+    """Version of the messages' meaning; campaigns record it."""
+
+    def __init__(self, program: str, *, deadline: Positive = 5.0) -> None:
+        check({"deadline": deadline}, CommandDriver.__init__)
+        self._command, self._deadline = program, deadline
+        self._words = words_of(program)
+        self._start()
+
+    @property
+    def options(self) -> dict[str, Any]:
+        """Options with which the driver was made."""
+        return {PROGRAM: self._command, "deadline": self._deadline}
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Return the options: a copy in another process starts a program of its own."""
+        return self.options
+
+    def __setstate__(self, options: dict[str, Any]) -> None:
+        self.__init__(**options)  # type: ignore[misc]  # as the pickled driver was made
+
+    def _start(self) -> None:
+        self._program = Program(self._words, self._deadline, self._greet)
+        self._hello = DriverHello()
+        self._record = np.full(RECORD_NUMBERS, np.nan)
+        self._bytes = memoryview(self._record.data).cast("B")
+        points = self._record[_HEAD:]
+        self._ahead = points[: 2 * AHEAD_POINTS].reshape(-1, 2)
+        self._curvature, self._limits = points[2 * AHEAD_POINTS :].reshape(2, -1)
+
+    @property
+    def version_files(self) -> tuple[str, ...]:
+        """Files that belong to the driver's version: the program, and arguments that are files."""
+        return files_of(self._words)
+
+    @property
+    def period(self) -> float | None:
+        """Time between two decisions, in s, as the program asks; None for the simulator's."""
+        with self._blaming():
+            self._program.start()
+        return self._hello.period
+
+    def reset(self, setup: DriveSetup) -> None:
+        """Send the setup of the next drive."""
+        with self._blaming():
+            self._program.start()
+            if self._hello.records == "binary":
+                self._record[:] = np.nan
+                numbers = [math.nan if value is None else value for value in astuple(setup)]
+                self._record[: 1 + len(numbers)] = [_RESET, *numbers]
+                self._program.exchange(self._bytes, _CONTROLS_FORM.size)
+            else:
+                numbers_by_name = {name: _plain(value) for name, value in asdict(setup).items()}
+                self._program.ask({"reset": numbers_by_name}, Answer)
+
+    def act(self, observation: Observation) -> Controls:
+        """Send an observation, and return the program's controls."""
+        with self._blaming():
+            if self._hello.records == "binary":
+                return self._exchange(observation)
+            answer = self._program.ask({"act": as_message(observation)}, WantedControls)
+        if answer.steering is None:
+            self._program.close()
+            raise ControlsError("the driver's program answered an observation without steering")
+        return Controls(answer.steering, answer.throttle, answer.brake)
+
+    def _exchange(self, observation: Observation) -> Controls:
+        """Send an observation as a binary record, and return the program's controls."""
+        ahead = observation.ahead
+        n = len(ahead)
+        _HEAD_FORM.pack_into(
+            self._bytes,
+            0,
+            _ACT,
+            observation.time,
+            observation.speed,
+            observation.yaw_rate,
+            observation.steering,
+            observation.lateral_offset,
+            observation.heading_error,
+            observation.distance,
+            observation.x,
+            observation.y,
+            observation.heading,
+            observation.lateral_speed,
+            observation.speed_limit,
+            n,
+        )
+        if n < AHEAD_POINTS:
+            self._record[_HEAD:] = np.nan
+        self._ahead[:n] = ahead
+        self._curvature[:n] = observation.curvature_ahead
+        limits = observation.speed_limit_ahead
+        self._limits[: len(limits)] = limits
+        answer = self._program.exchange(self._bytes, _CONTROLS_FORM.size)
+        return Controls(*_CONTROLS_FORM.unpack(answer))
+
+    def _greet(self) -> None:
+        """Ask a new program how it wants its messages."""
+        message = {"hello": {"part": "driver", "protocol": PROTOCOL}}
+        self._hello = self._program.ask(message, DriverHello)
+
+    @contextmanager
+    def _blaming(self) -> Iterator[None]:
+        """Turn an error of the program into a `DriverError` of its kind."""
+        try:
+            yield
+        except ProgramLate as error:
+            raise DriverLateError(f"the driver's program {error}") from None
+        except ProgramEnded as error:
+            raise DriverEndedError(f"the driver's program {error}") from None
+        except ProgramReport as error:
+            raise DriverReportError(f"the driver's program {error}") from None
+        except AnswerError as error:
+            raise ControlsError(f"the driver's program {error}") from None
+
+
+def as_message(observation: Observation) -> dict[str, Any]:
+    """Return an observation for JSON: numbers, lists of numbers, and None for infinity."""
+    message: dict[str, Any] = {name: _plain(getattr(observation, name)) for name in NUMBERS}
+    message["ahead"] = observation.ahead.tolist()
+    message["curvature_ahead"] = observation.curvature_ahead.tolist()
+    message["speed_limit_ahead"] = _finite_list(observation.speed_limit_ahead)
+    return message
+
+
+def _plain(value: float | None) -> float | None:
+    """Return a number for JSON, which has no infinity."""
+    return None if value is None or not math.isfinite(value) else float(value)
+
+
+def _finite_list(values: FloatArray) -> list[float | None]:
+    """Return numbers for JSON, which has no infinity."""
+    numbers: list[float | None] = values.tolist()
+    return numbers if np.isfinite(values).all() else [_plain(number) for number in numbers]
+
+
+SETUP_FIELDS: Final = tuple(field.name for field in fields(DriveSetup))
+"""Names of the numbers of a binary record of a setup, after the first."""
