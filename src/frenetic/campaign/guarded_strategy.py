@@ -220,5 +220,7 @@ def _call_of_strategy(summary: Summary, *, unchanged: type[Exception]) -> Iterat
 
 
 def strategy_error(error: BaseException) -> StrategyError:
-    """Return the error about an exception of a strategy."""
+    """Return the error about an exception of a strategy; one of ours says itself what is wrong."""
+    if isinstance(error, StrategyError):
+        return error
     return StrategyError(f"the strategy raised {describe_raised(error)}")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from frenetic.search.command import CommandSearch
 from frenetic.search.frenetic import Frenetic
 from frenetic.search.frenetic_2021 import Frenetic2021
 from frenetic.search.random_search import RandomSearch
@@ -14,6 +15,7 @@ from frenetic.search.sweep import Sweep
 
 __all__ = [
     "Candidate",
+    "CommandSearch",
     "Evaluation",
     "Frenetic",
     "Frenetic2021",
