@@ -14,7 +14,7 @@ from collections.abc import Iterator
 from itertools import chain, repeat
 from pathlib import Path
 from runpy import run_path
-from shutil import copy, copytree
+from shutil import copy, copytree, which
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -40,6 +40,10 @@ LINK = re.compile(r"\]\((?!https?:)([^)#]+)")
 # Blocks of these kinds do not run: fragments of files; benchmarks, which need data or much time;
 # Python (py) that needs packages which tests do not install.
 SHOWN = {"toml", "console", "py"}
+SOURCES = {"cpp", "js", "rust"}
+"""Kinds of blocks with the text of a program's file, whose name the first line has."""
+TOOLS = {"g++": False, "node": True, "rustc": True}
+"""Program that builds or runs such a file -> whether it may be missing where tests run."""
 OUTPUT = "text"
 """Kind of a block that shows the output of the block before it."""
 # Commands of a page that set up Frenetic; `.ci/run` runs them.
@@ -73,7 +77,11 @@ def run_page(
             assert printed is not None, f"{page.name}: no block printed this:\n{code}"
             now, printed = as_shown(printed, code), None
             return f"```{OUTPUT}\n{code if masked(now) == masked(code) else now}```"
-        if kind in {"python", "sh"}:
+        if kind in SOURCES:
+            name = re.match(r"// file: ([\w.]+)", code)
+            assert name is not None, f"{page.name}: {kind} without a file's name"
+            (folder / name[1]).write_text(code, encoding="utf-8")
+        elif kind in {"python", "sh"}:
             code = code if in_full else shortened(code)
             if kind == "python":
                 printed = run_python(code, interpreter, folder)
@@ -150,6 +158,9 @@ def run_commands(
 ) -> str:
     """Run commands; return the output of the last."""
     printed = ""
+    missing = {tool for tool, may_be_missing in TOOLS.items() if may_be_missing and not which(tool)}
+    if missing & set(re.findall(r"[\w+]+", text)):
+        return printed
     for line in text.splitlines():
         command = line.split("  # ")[0].strip()
         if not command or command.startswith(SET_UP):
@@ -157,6 +168,9 @@ def run_commands(
         program, *arguments = shlex.split(command)
         if program == "pytest":
             printed = run_tests(arguments, interpreter, folder)
+            continue
+        if program in TOOLS:
+            subprocess.run([program, *arguments], cwd=folder, check=True)
             continue
         assert program == "frenetic", f"a page asks for {command!r}, which no test runs"
         if earlier_runs and command in earlier_runs:
@@ -317,7 +331,7 @@ def paste_page(page: Path, folder: Path) -> None:
     """Paste a page's commands into a shell and run its code, as a reader does."""
     path = os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]])
     for kind, code in BLOCK.findall(page.read_text(encoding="utf-8")):
-        name = re.match(r"# file: (\S+)\n", code)
+        name = re.match(r"(?:#|//) file: ([\w.]+)", code)
         if name is not None:
             (folder / name[1]).write_text(code, encoding="utf-8")
         elif kind in {"sh", "python"}:
