@@ -8,8 +8,8 @@ import sys
 import time
 from pathlib import Path
 
-import programs
 import pytest
+import sample_programs
 
 from frenetic import EmbeddedSimulator, Road
 from frenetic.drivers import CommandDriver, Driver
@@ -59,9 +59,9 @@ def drive(command: str, deadline: float = 5.0) -> Drive:
     return EmbeddedSimulator().drive(ROAD, CommandDriver(command, deadline=deadline))
 
 
-@pytest.mark.parametrize("code", [programs.DRIVER.replace("BAD", "pass"), BINARY])
+@pytest.mark.parametrize("code", [sample_programs.DRIVER.replace("BAD", "pass"), BINARY])
 def test_a_program_drives_as_the_same_law_in_python(tmp_path: Path, code: str) -> None:
-    driven = drive(programs.command(tmp_path, code))
+    driven = drive(sample_programs.command(tmp_path, code))
     expected = EmbeddedSimulator().drive(ROAD, Same())  # type: ignore[arg-type]
     assert driven.trouble is None
     assert (driven.trajectory.to_rows() == expected.trajectory.to_rows()).all()
@@ -92,7 +92,7 @@ def test_a_program_that_breaks_is_a_fault_and_the_next_drive_starts_it_again(
     tmp_path: Path, bad: str, kind: str, text: str
 ) -> None:
     simulator = EmbeddedSimulator()
-    driver = CommandDriver(programs.driver(tmp_path, bad), deadline=0.5)
+    driver = CommandDriver(sample_programs.driver(tmp_path, bad), deadline=0.5)
     first, second = simulator.drive(ROAD, driver), simulator.drive(ROAD, driver)
     for driven in (first, second):
         assert driven.trouble is not None
@@ -104,7 +104,7 @@ def test_a_program_that_breaks_is_a_fault_and_the_next_drive_starts_it_again(
 
 @pytest.mark.skipif(sys.platform == "win32", reason="signals are POSIX")
 def test_a_program_that_a_signal_ends_says_which(tmp_path: Path) -> None:
-    driven = drive(programs.driver(tmp_path, "os.abort()"))
+    driven = drive(sample_programs.driver(tmp_path, "os.abort()"))
     assert driven.trouble is not None
     assert "was killed by SIGABRT" in driven.trouble.reason
 
@@ -112,14 +112,16 @@ def test_a_program_that_a_signal_ends_says_which(tmp_path: Path) -> None:
 @pytest.mark.skipif(sys.platform == "win32", reason="pipes of Windows cannot be asked")
 def test_a_program_that_answers_twice_is_noticed_by_the_next_drive(tmp_path: Path) -> None:
     extra = "print(json.dumps(answer), flush=True); time.sleep(0.05)"
-    simulator, driver = EmbeddedSimulator(), CommandDriver(programs.driver(tmp_path, extra))
+    simulator, driver = EmbeddedSimulator(), CommandDriver(sample_programs.driver(tmp_path, extra))
     troubles = [simulator.drive(ROAD, driver).trouble for _ in range(2)]
     faults = [trouble.fault for trouble in troubles if trouble is not None]
     assert Fault("driver", GIVES_NO_CONTROLS) in faults
 
 
 def test_a_program_that_prints_first_is_told_where_to_print(tmp_path: Path) -> None:
-    driven = drive(programs.command(tmp_path, "print('Controller 1.2', flush=True)\ninput()"))
+    driven = drive(
+        sample_programs.command(tmp_path, "print('Controller 1.2', flush=True)\ninput()")
+    )
     assert driven.trouble is not None
     assert "'Controller 1.2'" in driven.trouble.reason
     assert "belongs on stderr" in driven.trouble.reason
@@ -128,7 +130,7 @@ def test_a_program_that_prints_first_is_told_where_to_print(tmp_path: Path) -> N
 def test_what_a_program_prints_for_people_is_passed_on(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    driven = drive(programs.driver(tmp_path, "print('fifth', file=sys.stderr, flush=True)"))
+    driven = drive(sample_programs.driver(tmp_path, "print('fifth', file=sys.stderr, flush=True)"))
     assert driven.trouble is None
     deadline = time.monotonic() + 60.0
     while not (printed := capsys.readouterr().err) and time.monotonic() < deadline:
@@ -137,10 +139,10 @@ def test_what_a_program_prints_for_people_is_passed_on(
 
 
 def test_a_program_chooses_its_period(tmp_path: Path) -> None:
-    code = programs.DRIVER.replace(
+    code = sample_programs.DRIVER.replace(
         "answer = {}", "answer = {'period': 0.1} if kind == 'hello' else {}"
     )
-    driven = drive(programs.command(tmp_path, code.replace("BAD", "pass")))
+    driven = drive(sample_programs.command(tmp_path, code.replace("BAD", "pass")))
     assert driven.trouble is None
     throttle = driven.trajectory.steering_input
     assert (throttle[2:-1:2] == throttle[3::2][: len(throttle[2:-1:2])]).all()
@@ -160,7 +162,7 @@ def test_a_command_that_cannot_run_is_refused(command: str, text: str) -> None:
 
 
 def test_a_copy_has_a_program_of_its_own(tmp_path: Path) -> None:
-    driver = CommandDriver(programs.driver(tmp_path), deadline=2.0)
+    driver = CommandDriver(sample_programs.driver(tmp_path), deadline=2.0)
     copied = pickle.loads(pickle.dumps(driver))
     assert copied.options == driver.options
     simulator = EmbeddedSimulator()
@@ -169,7 +171,7 @@ def test_a_copy_has_a_program_of_its_own(tmp_path: Path) -> None:
 
 
 def test_the_version_covers_program_and_files_among_the_arguments(tmp_path: Path) -> None:
-    command = programs.driver(tmp_path)
+    command = sample_programs.driver(tmp_path)
     data = tmp_path / "gains.txt"
     data.write_text("1")
     driver = CommandDriver(f"{command} {shlex.quote(str(data))}")
@@ -184,7 +186,7 @@ def test_the_version_covers_program_and_files_among_the_arguments(tmp_path: Path
 class TestCommandDriver(DriverContract):
     @pytest.fixture(autouse=True)
     def _program(self, tmp_path: Path) -> None:
-        self._command = programs.driver(tmp_path)
+        self._command = sample_programs.driver(tmp_path)
 
     def make(self) -> Driver:
         return CommandDriver(self._command)

@@ -5,8 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-import programs
 import pytest
+import sample_programs
 
 from frenetic import Budget, Campaign, CampaignStore, EmbeddedSimulator, Planner
 from frenetic.errors import CampaignError, StrategyError
@@ -19,14 +19,14 @@ from frenetic.testing.strategy_contract import StrategyContract
 class TestCommandSearch(StrategyContract):
     @pytest.fixture(autouse=True)
     def _program(self, tmp_path: Path) -> None:
-        self._command = programs.search(tmp_path)
+        self._command = sample_programs.search(tmp_path)
 
     def make(self, seed: int) -> Strategy:
         return CommandSearch(seed=seed, program=self._command)
 
 
 def test_a_result_has_the_names_of_ask_tell(tmp_path: Path) -> None:
-    strategy = CommandSearch(seed=1, program=programs.search(tmp_path))
+    strategy = CommandSearch(seed=1, program=sample_programs.search(tmp_path))
     candidate = strategy.ask()
     assert candidate is not None
     assert candidate.origin.operator == "drawn"
@@ -70,7 +70,7 @@ def test_a_result_has_the_names_of_ask_tell(tmp_path: Path) -> None:
 def test_a_program_that_breaks_ends_the_search_in_one_line(
     tmp_path: Path, bad: str, text: str
 ) -> None:
-    strategy = CommandSearch(seed=1, program=programs.search(tmp_path, bad), deadline=0.5)
+    strategy = CommandSearch(seed=1, program=sample_programs.search(tmp_path, bad), deadline=0.5)
     with pytest.raises(StrategyError) as error:
         strategy.ask()
     assert text in str(error.value)
@@ -79,7 +79,7 @@ def test_a_program_that_breaks_ends_the_search_in_one_line(
 
 def test_a_search_that_ends_says_why_and_is_still_told(tmp_path: Path) -> None:
     bad = "answer = {'end': 'all seen'} if told else answer"
-    strategy = CommandSearch(seed=1, program=programs.search(tmp_path, bad))
+    strategy = CommandSearch(seed=1, program=sample_programs.search(tmp_path, bad))
     first, second = strategy.ask(), strategy.ask()
     assert first is not None
     assert second is not None
@@ -108,7 +108,7 @@ def roads(folder: Path) -> list[list[float]]:
 
 
 def test_a_resumed_search_goes_on_as_if_it_had_not_stopped(tmp_path: Path) -> None:
-    program = programs.search(tmp_path, "pass", "trace")
+    program = sample_programs.search(tmp_path, "pass", "trace")
     campaign(tmp_path / "whole", program, 12).run()
     campaign(tmp_path / "parts", program, 5).run()
     campaign(tmp_path / "parts", program, 12).resume()
@@ -119,7 +119,7 @@ def test_a_resumed_search_goes_on_as_if_it_had_not_stopped(tmp_path: Path) -> No
 
 
 def test_results_survive_a_program_that_ends(tmp_path: Path) -> None:
-    program = programs.search(tmp_path, "if told > 5: sys.exit(2)")
+    program = sample_programs.search(tmp_path, "if told > 5: sys.exit(2)")
     with pytest.raises(CampaignError, match="strategy's program ended with exit code 2"):
         campaign(tmp_path / "c", program, 100).run()
     assert len(roads(tmp_path / "c")) >= 5

@@ -5,8 +5,8 @@ from __future__ import annotations
 import pickle
 from pathlib import Path
 
-import programs
 import pytest
+import sample_programs
 
 from frenetic import Planner, Road, Rules
 from frenetic.oracle.outcome import Outcome
@@ -21,14 +21,14 @@ ROAD = Road([0.0] * 4 + [0.02] * 6, 10.0)
 class TestCommandSimulator(SimulatorContract):
     @pytest.fixture(autouse=True)
     def _program(self, tmp_path: Path) -> None:
-        self._command = programs.simulator(tmp_path)
+        self._command = sample_programs.simulator(tmp_path)
 
     def make(self, rules: Rules) -> Simulator:
         return CommandSimulator(self._command, rules=rules)
 
 
 def test_the_program_says_its_car_and_a_copy_has_its_own(tmp_path: Path) -> None:
-    simulator = CommandSimulator(programs.simulator(tmp_path))
+    simulator = CommandSimulator(sample_programs.simulator(tmp_path))
     assert (simulator.car.length, simulator.car.width) == (4.0, 1.61)
     copied = pickle.loads(pickle.dumps(simulator))
     rows = []
@@ -50,7 +50,7 @@ def test_the_program_says_its_car_and_a_copy_has_its_own(tmp_path: Path) -> None
     ],
 )
 def test_a_program_that_breaks_is_told(tmp_path: Path, bad: str, text: str) -> None:
-    simulator = CommandSimulator(programs.simulator(tmp_path, bad))
+    simulator = CommandSimulator(sample_programs.simulator(tmp_path, bad))
     with simulator, pytest.raises(SimulatorProgramError, match=text):
         simulator.drive(ROAD, Planner())
 
@@ -73,7 +73,7 @@ def test_steps_may_be_binary(tmp_path: Path) -> None:
                 stdout.write(struct.pack("<7d", x, y, heading, 10.0, 0.0, 0.0, steering))
                 stdout.flush()
     """
-    simulator = CommandSimulator(programs.command(tmp_path, code))
+    simulator = CommandSimulator(sample_programs.command(tmp_path, code))
     with simulator:
         drive = simulator.drive(Road([0.0] * 6, 10.0), Planner())
     assert drive.trouble is None
