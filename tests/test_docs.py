@@ -266,7 +266,7 @@ CREATES = re.compile(
     r"""--out[ ]([^\s/]+)|"--out",[ ]"([^"]+)"|folder=(?:Path\()?"([^"]+)"  # campaigns, reports
     |^\#[ ]file:[ ](\S+)|frenetic[ ]init(?:[ ](\S+))?$                    # code
     |copy\(\w+,[ ]"([^"]+)"|Path\("([^"]+)"\)\.write|\.write\(Path\("([^"]+)"
-    |open\("([^"]+)",[ ]"w"|mkdir\("([^"]+)"|--(?:plot|junit)[ ](\S+)""",
+    |open\("([^"]+)",[ ]"w"|mkdir\("([^"]+)"|--(?:plot|junit|trace)[ ](\S+)""",
     re.MULTILINE | re.VERBOSE,
 )
 """Files and folders that a block creates."""

@@ -11,6 +11,7 @@ import subprocess
 import sys
 import weakref
 from collections import defaultdict
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -36,6 +37,7 @@ from frenetic.export import (
 )
 from frenetic.export.trace_columns import field_name
 from frenetic.export.trace_layouts import FOXGLOVE, PLOTJUGGLER
+from frenetic.oracle.notes import TOLD, DriverNotes
 
 pytest_plugins = ["sample_campaign"]
 
@@ -161,6 +163,31 @@ def test_mcap_holds_the_numbers_of_the_csv(tmp_path: Path) -> None:
     assert json.loads(metadata["units"])["speed_m_per_s"] == "m/s"
     assert metadata["outcome"] == "FAIL"
     assert json.loads(metadata["conditions"]) == {"friction": 0.9}
+
+
+def test_what_a_driver_was_told_noted_and_planned_is_in_both_files(tmp_path: Path) -> None:
+    road, drive, result = driven()
+    times = drive.trajectory.time[:-1]
+    told = np.column_stack([times, *(np.full((len(TOLD) - 1, len(times)), 0.25))])
+    plan = np.array([[2.0, 0.5], [4.0, 1.0]])
+    notes = DriverNotes(
+        told, ("y",), times[:, None], (2,) * len(times), np.tile(plan, (len(times), 1))
+    )
+    trace = trace_of(road, replace(drive, notes=notes), result)
+    for name in ("run.csv", "run.mcap"):
+        write_trace(trace, tmp_path / name)
+    table = np.genfromtxt(tmp_path / "run.csv", delimiter=",", names=True)
+    assert (table["told_speed_m_per_s"] == 0.25).all()
+    np.testing.assert_allclose(table["note_y"][: len(times)], times, atol=1e-9)
+    messages, schemas, _ = read_mcap(tmp_path / "run.mcap")
+    assert messages["/drive"][9][1]["note_y"] == pytest.approx(times[9])
+    assert schemas["/plan"]["title"] == "foxglove.SceneUpdate"
+    assert len(messages["/plan"]) == len(times)
+    (entity,) = messages["/plan"][0][1]["entities"]
+    assert entity["frame_id"] == "car"
+    points = [[point["x"], point["y"]] for point in entity["lines"][0]["points"]]
+    assert points == plan.tolist()
+    assert all(conforms(message, schemas["/plan"]) for _, message in messages["/plan"])
 
 
 def test_mcap_holds_the_events_as_a_log(tmp_path: Path) -> None:

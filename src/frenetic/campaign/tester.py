@@ -20,6 +20,7 @@ from frenetic._support.json_value import JSONValue
 from frenetic.campaign.record import Attempt
 from frenetic.drivers.driver import Driver
 from frenetic.drivers.loading import with_wrappers
+from frenetic.drivers.noting import NotingDriver, drive_notes
 from frenetic.errors import FreneticError, RoadError, Trouble
 from frenetic.oracle.drive import Drive, Rules, Trajectory
 from frenetic.oracle.outcome import Outcome
@@ -63,6 +64,8 @@ class RoadTester:
     folder: Path | None = None
     """Folder in which parts with names were made, and to which names of files are relative; by
     default the current folder."""
+    keeps_notes: bool = False
+    """Whether `drive` keeps what the driver is told, notes and plans, as `Drive.notes`."""
 
     @classmethod
     def of(cls, spec: Spec, terms: Terms | None = None, rules: Rules | None = None) -> RoadTester:
@@ -88,13 +91,15 @@ class RoadTester:
 
     def __reduce__(self) -> tuple[Any, ...]:
         if self.spec is None:
-            return RoadTester, (self.simulator, self.driver, self.terms)
+            parts = self.simulator, self.driver, self.terms, None, None, self.keeps_notes
+            return RoadTester, parts
         is_users = SIMULATORS.is_own(self.spec.part("simulator").name)
         # What `prepare` has measured takes long, so an installed simulator is copied with it.
         is_copied = not is_users and hasattr(self.simulator, "prepare")
         simulator = self.simulator if is_copied else None
         rules = self.simulator.rules
-        return _remake_tester, (self.spec, self.terms, rules, self.folder, simulator)
+        terms = self.spec, self.terms, rules, self.folder
+        return _remake_tester, (*terms, simulator, self.keeps_notes)
 
     @property
     def setting(self) -> DriveSetting:
@@ -241,8 +246,10 @@ class RoadTester:
     def drive(self, road: Road, conditions: Mapping[str, float] = MappingProxyType({})) -> Drive:
         """Drive a road in conditions; if the simulator raises, the drive has a trouble."""
         conditions = self.terms.conditions_of(conditions)
-        with in_conditions(conditions, self.simulator, self.driver) as driver:
-            return self._drive(road, driver)[0]
+        bare = NotingDriver(self.driver) if self.keeps_notes else self.driver
+        with in_conditions(conditions, self.simulator, bare) as driver:
+            drive = self._drive(road, driver)[0]
+            return replace(drive, notes=drive_notes(driver)) if self.keeps_notes else drive
 
     @staticmethod
     def _refusal(candidate: Candidate, road: Road | None, verdict: Verdict) -> Attempt:
@@ -297,13 +304,18 @@ class RoadTester:
 
 
 def _remake_tester(
-    spec: Spec, terms: Terms, rules: Rules, folder: Path, simulator: Simulator | None
+    spec: Spec,
+    terms: Terms,
+    rules: Rules,
+    folder: Path,
+    simulator: Simulator | None,
+    keeps_notes: bool,
 ) -> RoadTester:
     """Return the tester of parts with names, made in another process; None makes the simulator."""
     os.chdir(folder)  # a driver in this process may have changed to another folder
     if simulator is None:
-        return RoadTester.of(spec, terms, rules)
-    return RoadTester(simulator, spec.make_driver(), terms, spec, folder)
+        return replace(RoadTester.of(spec, terms, rules), keeps_notes=keeps_notes)
+    return RoadTester(simulator, spec.make_driver(), terms, spec, folder, keeps_notes)
 
 
 def fitted(candidate: Candidate, terms: Terms) -> tuple[Road | None, Verdict]:

@@ -208,6 +208,7 @@ def _drive(
 
     with chdir(plan.code_folder):
         tester = RoadTester.of(plan.spec, rules=plan.rules)
+    tester = replace(tester, keeps_notes=trace is not None)
     documents: list[dict[str, Any]] = []
     with ExitStack() as entered:
         compiled = entered.enter_context(announced_compilation(Log()))

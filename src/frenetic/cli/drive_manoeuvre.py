@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from contextlib import ExitStack, chdir
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -51,7 +52,7 @@ def drive_manoeuvre(
     manoeuvre = _manoeuvre_of(word)
     spec, code_folder = options.trusted(options.over(Spec(), roads_are_given=False))
     with chdir(code_folder):
-        tester = RoadTester.of(spec)
+        tester = replace(RoadTester.of(spec), keeps_notes=trace is not None)
     road_class = spec.road_class
     plan = ManoeuvrePlan.of(
         manoeuvre,

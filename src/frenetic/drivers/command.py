@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, astuple, fields
 from struct import Struct
 from typing import Any, ClassVar, Final, Literal
 
+import msgspec
 import numpy as np
 
 from frenetic._support.arrays import FloatArray
@@ -76,6 +77,10 @@ class WantedControls(Answer):
     """Throttle pedal, 0..1."""
     brake: Share = 0.0
     """Brake pedal, 0..1."""
+    notes: dict[str, Finite] = msgspec.field(default_factory=dict)
+    """Numbers that the program notes, for traces of drives."""
+    plan: list[tuple[Finite, Finite]] | None = None
+    """Points that it plans to drive through, in m in the car's frame, for traces."""
 
 
 class CommandDriver:
@@ -114,6 +119,10 @@ class CommandDriver:
     def _start(self) -> None:
         self._program = Program(self._words, self._deadline, self._greet)
         self._hello = DriverHello()
+        self.trace_notes: Mapping[str, float] = {}
+        """Numbers that the program noted at its last decision."""
+        self.trace_plan: Sequence[tuple[float, float]] | None = None
+        """Points of its plan then; None if it shows none."""
         self._record = np.full(RECORD_NUMBERS, np.nan)
         self._bytes = memoryview(self._record.data).cast("B")
         points = self._record[_HEAD:]
@@ -154,6 +163,7 @@ class CommandDriver:
         if answer.steering is None:
             self._program.close()
             raise ControlsError("the driver's program answered an observation without steering")
+        self.trace_notes, self.trace_plan = answer.notes, answer.plan
         return Controls(answer.steering, answer.throttle, answer.brake)
 
     def _exchange(self, observation: Observation) -> Controls:

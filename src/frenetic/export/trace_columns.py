@@ -13,11 +13,23 @@ import numpy as np
 from frenetic._support.arrays import FloatArray
 from frenetic.criteria.criterion import SIGNALS, Signal, signal_named
 from frenetic.export.table_columns import CONDITION, MEASURED, RECORDED, TableColumn, column_of
+from frenetic.oracle.notes import TOLD, DriverNotes
 from frenetic.oracle.signals import LocatedDrive, series
 from frenetic.road import profile
 from frenetic.road.geometry import heading_at
 
 _DIGITS: Final = ".9g"  # of a written number: stored places have up to 8 digits (our choice)
+NOTE: Final = "note_"
+"""Beginning of the names of columns that are a driver's notes."""
+_TOLD_UNITS: Final = {
+    "lateral_offset": "m",
+    "heading_error": "rad",
+    "speed": "m/s",
+    "yaw_rate": "rad/s",
+    "steering": "rad",
+    "speed_limit": "m/s",
+}
+"""What a driver is told, beside the time -> its unit."""
 SIGNAL: Final = "signal_"
 """Beginning of the names of columns that are another package's signals."""
 
@@ -32,6 +44,8 @@ class TracedDrive:
     """Distance of the centre of mass to the lane's edge, (n,) in m, negative outside."""
     oob_share: FloatArray
     """Share of the car's box outside the ego lane, (n,), 0..1."""
+    notes: DriverNotes | None = None
+    """What the driver was told and noted; None if it was not kept."""
 
 
 _Measure: TypeAlias = Callable[[TracedDrive], FloatArray]
@@ -137,7 +151,11 @@ _COLUMNS: Final[tuple[tuple[TableColumn, _Measure], ...]] = (
     ),
 )
 TRACE_COLUMNS: Final = tuple(column for column, _ in _COLUMNS)
-"""Columns of every trace; a column for each condition and for signals of other packages follow."""
+"""Columns of every trace.
+
+Columns follow for signals of other packages, for what the driver was told and noted, if that is
+known, and for conditions.
+"""
 
 
 def measure_columns(
@@ -163,12 +181,32 @@ def measure_columns(
     columns = [column for column, _ in measured]
     with np.errstate(all="ignore"):  # another simulator's records may be no numbers
         values = [measure(traced) for _, measure in measured]
+    if traced.notes is not None:
+        told, noted = _noted_columns(traced.notes, traced.located.path.time)
+        columns += told
+        values += noted
     for name, amount in conditions.items():
         columns.append(column_of("tests", f"{CONDITION}{name}"))
         values.append(np.full(len(traced.oob_share), amount))
     table = np.stack(values)
     table[~np.isfinite(table)] = np.nan
     return tuple(columns), table
+
+
+def _noted_columns(
+    notes: DriverNotes, times: FloatArray
+) -> tuple[list[TableColumn], list[FloatArray]]:
+    """Return the columns of what a driver was told and noted, and their values, (n,) each."""
+    columns = [
+        TableColumn(f"told_{name}", f"{name.replace('_', ' ')} that the driver was told", unit)
+        for name, unit in _TOLD_UNITS.items()
+    ]
+    columns += [
+        TableColumn(f"{NOTE}{name}", f"{name}, noted by the driver") for name in notes.names
+    ]
+    rows = notes.at(times).T
+    told = [rows[TOLD.index(name)] for name in _TOLD_UNITS]
+    return columns, [*told, *rows[len(TOLD) :]]
 
 
 def field_name(column: TableColumn) -> str:

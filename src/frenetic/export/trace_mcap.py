@@ -8,6 +8,7 @@ All messages are JSON, with JSON schemas; their times are the simulated time.
 | ``/events`` | ``foxglove.Log`` | each event |
 | ``/scene`` | ``foxglove.SceneUpdate`` | once: the lane's edges, the path, and the car's box |
 | ``/tf`` | ``foxglove.FrameTransform`` | each record: where the frame ``car`` is on the ``map`` |
+| ``/plan`` | ``foxglove.SceneUpdate`` | each plan that the driver shows, if it shows any |
 
 The box belongs to the frame ``car``, so it moves with it. The metadata ``frenetic`` holds outcome
 and reason of the drive, its conditions, the car's box and the units.
@@ -22,16 +23,18 @@ from dataclasses import asdict
 from types import MappingProxyType
 from typing import IO, Any, Final
 
+import numpy as np
 from mcap.writer import Writer
 from msgspec.json import encode
 
+from frenetic._support.arrays import FloatArray
 from frenetic.export.table_columns import TableColumn
 from frenetic.export.trace_columns import field_name, number_text
 from frenetic.export.traces import DriveTrace, TraceEvent
 
 MAP, CAR = "map", "car"
 """Frames: the map, with the trace's x and y, and the car's centre of mass."""
-DRIVE, EVENTS, SCENE, TRANSFORMS = "/drive", "/events", "/scene", "/tf"
+DRIVE, EVENTS, SCENE, TRANSFORMS, PLAN = "/drive", "/events", "/scene", "/tf", "/plan"
 """Topics."""
 _CAR_HEIGHT: Final = 1.5  # [m] of the car's box (our choice)
 _INFO, _WARNING, _ERROR = 2, 3, 4
@@ -135,6 +138,8 @@ def write_messages(trace: DriveTrace, file: IO[bytes]) -> None:
         topic: _register(writer, topic, schema)
         for topic, schema in ((DRIVE, _drive_schema(trace.columns)), *_FOXGLOVE.items())
     }
+    if trace.plans:
+        channels[PLAN] = _register(writer, PLAN, _FOXGLOVE[SCENE])
     writer.add_metadata("frenetic", _metadata(trace))
     for time, topic, message in _messages(trace):
         nanoseconds = _nanoseconds(time)
@@ -170,12 +175,14 @@ def _messages(trace: DriveTrace) -> Iterator[tuple[float, str, dict[str, Any]]]:
         strict=True,
     )
     yield times[0], SCENE, _scene(trace, times[0])
-    events = list(trace.events)
+    events, plans = list(trace.events), list(trace.plans)
     for time, row, (x, y, heading, height) in zip(
         times, trace.values.T.tolist(), poses, strict=True
     ):
         while events and events[0].time < time:
             yield events[0].time, EVENTS, _log(events.pop(0))
+        while plans and plans[0][0] <= time:
+            yield plans[0][0], PLAN, _plan(*plans.pop(0))
         fields = zip(names, row, strict=True)
         yield time, DRIVE, {name: float(number_text(v)) for name, v in fields if v == v}
         yield (
@@ -240,6 +247,12 @@ def _scene(trace: DriveTrace, time: float) -> dict[str, Any]:
             _entity("car", time, frame=CAR, cubes=[box]),
         ],
     }
+
+
+def _plan(time: float, points: FloatArray) -> dict[str, Any]:
+    """Return the message with a driver's plan, which replaces the plan before."""
+    line = _line(np.column_stack([points, np.zeros(len(points))]), _ORANGE)
+    return {"deletions": [], "entities": [_entity("plan", time, frame=CAR, lines=[line])]}
 
 
 def _entity(

@@ -73,7 +73,7 @@ class DriveTrace:
     """All signals of a drive, from its start to the record that ended it, with its events."""
 
     columns: tuple[TableColumn, ...]
-    """Columns: `TRACE_COLUMNS`, then signals of other packages, then conditions."""
+    """Columns: `TRACE_COLUMNS`, then the others that they name."""
     values: FloatArray
     """Values of the columns, (k, n) for n records; NaN for a missing value."""
     heights: FloatArray
@@ -88,6 +88,8 @@ class DriveTrace:
     """Verdict on the drive."""
     conditions: Mapping[str, float] = field(default_factory=dict)
     """Conditions of the drive."""
+    plans: tuple[tuple[float, FloatArray], ...] = ()
+    """Time, in s, and points, (m, 2) in m in the car's frame, of each plan of the driver."""
 
     def __len__(self) -> int:
         """Return the number of records."""
@@ -136,6 +138,7 @@ def trace_of(
         LocatedDrive.of(road, drive, assessment.distance, assessment.lateral_offset),
         assessment.oob_distance[is_later],
         assessment.oob_share[is_later],
+        drive.notes,
     )
     columns, values = measure_columns(traced, conditions)
     return DriveTrace(
@@ -147,6 +150,7 @@ def trace_of(
         car=drive.car,
         result=result,
         conditions=dict(conditions),
+        plans=() if drive.notes is None else tuple(drive.notes.plans()),
     )
 
 

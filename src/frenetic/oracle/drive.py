@@ -13,6 +13,7 @@ from frenetic._support.bounds import check
 from frenetic._support.scalars import take_numpy_scalars
 from frenetic.criteria.criterion import JUDGED_BY_LANE, CriteriaSet
 from frenetic.errors import Trouble
+from frenetic.oracle.notes import DriverNotes
 
 if TYPE_CHECKING:
     from frenetic.oracle.drive_assessment import DriveAssessment
@@ -309,6 +310,8 @@ class Drive:
 
     assessed: DriveAssessment | None = field(default=None, compare=False)
     """Assessment by the simulator, which need not be made again; None if it made none."""
+    notes: DriverNotes | None = field(default=None, compare=False)
+    """What the driver was told, noted and planned; None if it was not kept."""
 
     def __post_init__(self) -> None:
         if not isinstance(self.trouble, Trouble | None):

@@ -362,5 +362,5 @@ def _hint(line: bytes) -> str:
 
 def _quoted(data: bytes) -> str:
     """Return the beginning of what a program wrote, quoted."""
-    text = printable(data.decode(errors="replace"))
+    text = printable(data.decode(errors="replace").rstrip("\r\n"))
     return repr(text if len(text) <= _QUOTED else f"{text[:_QUOTED]}...")

@@ -12,6 +12,7 @@ from frenetic.campaign.tester import RoadTester
 from frenetic.campaign.workers.local import is_isolable
 from frenetic.errors import CampaignError, Trouble
 from frenetic.oracle.drive import CarBody, Drive, Rules, Trajectory
+from frenetic.oracle.notes import DriverNotes
 from frenetic.processes.object_process import LostProcessError, ObjectProcess, pack
 from frenetic.road import Road
 from frenetic.simulators.blame import Blame, trouble_of_error, trouble_of_lost_process
@@ -129,6 +130,7 @@ class _RoadlessDrive:
     trajectory: Trajectory = field(default_factory=Trajectory.empty)
     has_road: bool = False
     driver_seconds: float = 0.0
+    notes: DriverNotes | None = None
 
     def along(self, road: Road) -> Drive:
         """Return the drive along a road."""
@@ -139,6 +141,7 @@ class _RoadlessDrive:
             road if self.has_road else None,
             self.trouble,
             self.driver_seconds,
+            notes=self.notes,
         )
 
 
@@ -167,6 +170,7 @@ class _DriveHost:
             drive.trajectory,
             drive.road is not None,
             drive.driver_seconds,
+            drive.notes,
         )
 
     def close(self) -> None:
