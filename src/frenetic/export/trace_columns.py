@@ -16,7 +16,7 @@ from frenetic.export.table_columns import CONDITION, MEASURED, RECORDED, TableCo
 from frenetic.oracle.notes import TOLD, DriverNotes
 from frenetic.oracle.signals import LocatedDrive, series
 from frenetic.road import profile
-from frenetic.road.geometry import heading_at
+from frenetic.road.geometry import headings_at
 
 _DIGITS: Final = ".9g"  # of a written number: stored places have up to 8 digits (our choice)
 NOTE: Final = "note_"
@@ -55,8 +55,7 @@ _Measure: TypeAlias = Callable[[TracedDrive], FloatArray]
 def heading_error(traced: TracedDrive) -> FloatArray:
     """Return the heading relative to the road's beside the car, (n,) in rad, from -π to π."""
     road, path = traced.located.road, traced.located.path
-    distances = traced.located.distance.tolist()
-    road_heading = [heading_at(road.table, road.sub_step, distance) for distance in distances]
+    road_heading = headings_at(road.table, road.sub_step, traced.located.distance)
     turn: FloatArray = np.remainder(path.heading - road_heading + np.pi, 2.0 * np.pi) - np.pi
     return turn
 

@@ -16,7 +16,7 @@ from typing import Final, Literal, Self, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
-from frenetic._support.arrays import FloatArray
+from frenetic._support.arrays import FloatArray, IntArray
 from frenetic._support.compiled import njit
 from frenetic.criteria.criterion import (
     EDGE_DISTANCE,
@@ -147,8 +147,28 @@ def spread(time: FloatArray, values: FloatArray, window: float) -> FloatArray:
 
     A window that begins before the drive is cut.
     """
-    first = np.searchsorted(time, time - window - TIME_ROUNDING)
-    return np.array([np.ptp(values[k : i + 1]) for i, k in enumerate(first)], dtype=np.float64)
+    return _spreads(np.searchsorted(time, time - window - TIME_ROUNDING), values)
+
+
+@njit(interpret_first=0.2)
+def _spreads(first: IntArray, values: FloatArray) -> FloatArray:
+    """Return the largest minus the least value from the record ``first[i]`` to each record i, (n,).
+
+    NaN where one of these values is NaN.
+    """
+    spreads = np.empty(len(values))
+    for i in range(len(values)):
+        least = largest = values[i]
+        for k in range(first[i], i):
+            value = values[k]
+            if value < least or value != value:
+                least = value
+            if value > largest:
+                largest = value
+            if value != value:
+                break
+        spreads[i] = largest - least
+    return spreads
 
 
 def _is_window_whole(time: FloatArray, window: float) -> npt.NDArray[np.bool_]:

@@ -185,6 +185,15 @@ def heading_at(table: FloatArray, ds: float, s: float) -> float:
     return heading
 
 
+@njit(error_model="numpy", interpret_first=0.1)
+def headings_at(table: FloatArray, ds: float, distances: FloatArray) -> FloatArray:
+    """Return `heading_at` of several distances along the road, (n,)."""
+    headings = np.empty(len(distances))
+    for i in range(len(distances)):
+        headings[i] = heading_at(table, ds, distances[i])
+    return headings
+
+
 @njit(error_model="numpy", interpret_first=0.2)
 def frame_at(table: FloatArray, ds: float, s: float) -> tuple[float, float, float, float, float]:
     """Return x, y, cosine and sine of the heading, and the curvature of the centre line at ``s``.
