@@ -54,6 +54,16 @@ def is_client_driven(config: Mapping[str, Any]) -> bool:
     )
 
 
+def stored_conditions(store: CampaignStore) -> dict[str, float]:
+    """Return the conditions of all drives of a campaign that its user set.
+
+    Raises:
+        CampaignError: the configuration is damaged.
+    """
+    spec = recorded_spec(store.config, source=store.folder / DATABASE)
+    return {**spec.amounts, **store.setting.conditions}
+
+
 def stored_budget(store: CampaignStore) -> Budget:
     """Return the budget with which a campaign was run or resumed last.
 

@@ -210,7 +210,8 @@ def _roads_of_campaign(
     """
     from frenetic.campaign import CampaignStore
     from frenetic.oracle.outcome import Outcome
-    from frenetic.report.minimised import MinimisedFiles, minimised_road
+    from frenetic.report.minimised import MinimisedFiles
+    from frenetic.rerun.minimised_roads import minimised_road
 
     if out is not None and (len(test_ids) > 1 or (top or 1) > 1):
         raise click.UsageError("--out is for one road: leave it out where there are several")

@@ -32,8 +32,8 @@ def try_causes(folder: Path, tester: RoadTester, options: ReplayOptions, *, as_j
     from frenetic.analysis.clusters import distinct_failures
     from frenetic.analysis.explained import explained_causes
     from frenetic.campaign import CampaignStore
-    from frenetic.report.minimised import minimised_drives
     from frenetic.rerun.cause_trials import examples_of, try_failures
+    from frenetic.rerun.minimised_roads import minimised_drives
 
     with CampaignStore.open(folder) as store:
         clusters, counts = distinct_failures(store), store.counts()

@@ -192,7 +192,7 @@ class SearchPrinter:
 
     def _print_pictures(self, results: Results) -> None:
         """Print where the pictures are, and how to look closer."""
-        from frenetic.report.minimised import minimised_road
+        from frenetic.rerun.minimised_roads import minimised_road
 
         folder, test_id = results.folder, results.findings.listed[0].id
         self._print_text(f"At a glance: {results.gallery} (in {self._step_time()})")

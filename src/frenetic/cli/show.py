@@ -217,7 +217,7 @@ def _show_campaign(store: CampaignStore, as_json: bool) -> None:
     from frenetic.analysis.clusters import LISTED, distinct_failures, nearest_misses
     from frenetic.analysis.coverage import domain_coverage
     from frenetic.analysis.explained import explained_causes
-    from frenetic.report.minimised import minimised_drives
+    from frenetic.rerun.minimised_roads import minimised_drives
 
     counts, setting = store.counts(), store.setting
     clusters = distinct_failures(store)
@@ -267,6 +267,7 @@ def _facts_of_campaign(store: CampaignStore, counts: Counts) -> list[tuple[str, 
     from frenetic.campaign.guarded_strategy import SEARCH_FACTS
     from frenetic.campaign.objective_values import objective_text
     from frenetic.campaign.second_drive import not_repeatable
+    from frenetic.campaign.stored_spec import stored_conditions
     from frenetic.campaign.summary import facts_text
     from frenetic.campaign.warm_start import still_failing
     from frenetic.rerun.estimate import FailureRate
@@ -282,7 +283,7 @@ def _facts_of_campaign(store: CampaignStore, counts: Counts) -> list[tuple[str, 
         ("campaign", str(store.folder)),
         *((kind, _part_text(config, kind)) for kind in PARTS),
         ("seed", "" if config.get("seed") is None else str(config["seed"])),
-        ("conditions", conditions_text(_conditions(store))),
+        ("conditions", conditions_text(stored_conditions(store))),
         (
             "rules",
             f"speed limit {limit}, {rules.oob_tolerance:g} of the car may be out, map of"
@@ -334,15 +335,6 @@ def _next_command(store: CampaignStore) -> str:
         needs_report = is_search and not has_report(store)
         return f"frenetic resume {shell(store.folder)}" if needs_report else ""
     return how_to_resume(store) if status.has_ended else ""
-
-
-def _conditions(store: CampaignStore) -> Mapping[str, float]:
-    """Return the conditions of all drives of a campaign that differ from the usual ones."""
-    from frenetic.campaign.configuration import recorded_spec
-    from frenetic.campaign.database import DATABASE
-
-    spec = recorded_spec(store.config, source=store.folder / DATABASE)
-    return {**spec.amounts, **store.setting.conditions}
 
 
 def _coverage_facts(coverage: DomainCoverage) -> Iterator[tuple[str, str]]:
@@ -435,7 +427,7 @@ def _origin_text(store: CampaignStore, test: Test) -> str:
 
 def _minimised_text(store: CampaignStore, test_id: int) -> str:
     """Return the length and file of a test's minimised road; empty if it was not minimised."""
-    from frenetic.report.minimised import minimised_drives, minimised_road
+    from frenetic.rerun.minimised_roads import minimised_drives, minimised_road
 
     minimised = minimised_drives(store, [test_id]).get(test_id)
     if minimised is None:
@@ -455,7 +447,7 @@ def _objective_value_text(store: CampaignStore, test: Test) -> str:
 def _show_test(store: CampaignStore, test_id: int, as_json: bool) -> None:
     """Draw a test, and print everything that is known about it."""
     from frenetic.analysis.passing import passing_drives
-    from frenetic.campaign.stored_spec import signed_driving
+    from frenetic.campaign.stored_spec import signed_driving, stored_conditions
     from frenetic.report.failures import road_document
     from frenetic.segments.evidence import evidence_of_result
 
@@ -482,7 +474,7 @@ def _show_test(store: CampaignStore, test_id: int, as_json: bool) -> None:
             ("cause", _cause_text(test)),
             ("mistake", "" if evidence is None else evidence.text),
             ("trials", _trials_text(store, test_id)),
-            ("conditions", conditions_text({**_conditions(store), **own_conditions})),
+            ("conditions", conditions_text({**stored_conditions(store), **own_conditions})),
             ("road", test.road.as_text()),
             ("limit", limit_text(store.setting, test.road, own_conditions)),
             ("minimised", _minimised_text(store, test_id)),

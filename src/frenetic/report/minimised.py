@@ -3,58 +3,20 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
 from frenetic._support.files import check_writable, write_file
-from frenetic.campaign import CampaignStore, RoadTester, Test
-from frenetic.campaign.record import file_stem
+from frenetic.campaign import RoadTester
 from frenetic.errors import FreneticError
 from frenetic.report.failures import road_entries, verdict_entries
-from frenetic.rerun.campaigns import FOLDER
 from frenetic.rerun.minimise import Minimised
 from frenetic.rerun.minimising_strategy import OPERATOR
-from frenetic.road.files import read_road
 from frenetic.spec import DRIVEN, USUAL, Spec
 
-MINIMISED: Final = "minimised"
-"""Name of the folder for minimised roads in a campaign's folder."""
 _REMEDY: Final = "choose another place"
-
-
-def minimised_road(folder: Path, test_id: int) -> Path:
-    """Return the path of the file of a test's road, minimised with the campaign's own parts."""
-    return folder / MINIMISED / f"{file_stem(test_id)}.json"
-
-
-def minimised_drives(store: CampaignStore, test_ids: Iterable[int]) -> dict[int, Test]:
-    """Return id of a test -> drive on its minimised road, for the tests that were minimised.
-
-    A file that is missing, damaged or not Frenetic's is left out.
-    """
-    drives = {}
-    for test_id in test_ids:
-        path = minimised_road(store.folder, test_id)
-        if not path.is_file():
-            continue
-        try:
-            record = read_road(path).entries["minimised"]
-            folder, number = record["campaign"], record["test"]
-            if not str(folder).isalnum():  # a path could lead out of the campaign's folder
-                continue
-            with CampaignStore.open(store.folder / FOLDER / folder) as campaign:
-                drives[test_id] = campaign.test(number)
-        except (
-            FreneticError,
-            OSError,
-            LookupError,
-            TypeError,
-            ValueError,
-        ):  # damaged or not Frenetic's
-            continue
-    return drives
 
 
 @dataclass(frozen=True)

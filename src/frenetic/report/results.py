@@ -35,15 +35,10 @@ from frenetic.processes.interrupt import plain_interrupts
 from frenetic.report.failures import FAILURES, GALLERY, write_failures
 from frenetic.report.html.campaign import write_report
 from frenetic.report.html.reading import Reading
-from frenetic.report.minimised import (
-    MinimisedFiles,
-    minimised_document,
-    minimised_drives,
-    minimised_road,
-    write_minimised,
-)
+from frenetic.report.minimised import MinimisedFiles, minimised_document, write_minimised
 from frenetic.rerun.cause_trials import examples_of, try_failures
 from frenetic.rerun.minimise import minimise_causes
+from frenetic.rerun.minimised_roads import minimised_drives, minimised_road
 
 SLOW_DRIVE: Final = 0.5
 """Wall time of a drive above which no failing road is shortened, in s; our choice."""

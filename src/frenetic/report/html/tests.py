@@ -19,8 +19,8 @@ from frenetic.oracle.outcome import Outcome
 from frenetic.oracle.signals import measure
 from frenetic.oracle.verdict import Finding, Result, Side, breach_text
 from frenetic.report.failures import FAILURES
-from frenetic.report.minimised import MINIMISED, minimised_drives
 from frenetic.report.orientation import turn_of
+from frenetic.rerun.minimised_roads import MINIMISED, minimised_drives
 from frenetic.road import Road, profile
 from frenetic.search.operator_names import OPERATOR_DESCRIPTIONS
 from frenetic.search.records import Origin
