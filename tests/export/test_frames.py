@@ -16,13 +16,14 @@ import pandas as pd
 import pytest
 
 from frenetic.analysis.campaign_measures import measure_campaign
+from frenetic.analysis.clusters import Clusters, distinct_failures
 from frenetic.analysis.curves import campaign_curves
 from frenetic.analysis.measures import MEASURES
 from frenetic.campaign import Budget, Campaign, CampaignStore, Test
 from frenetic.drivers import Planner
 from frenetic.errors import CampaignError, Fault
 from frenetic.export import TABLES, data_frame
-from frenetic.export.table_columns import COLUMNS
+from frenetic.export.table_columns import COLUMNS, FAILURE_COLUMNS
 from frenetic.oracle.drive import Trajectory
 from frenetic.oracle.outcome import Outcome
 from frenetic.road import Road
@@ -30,6 +31,8 @@ from frenetic.road.classes import RoadClass
 from frenetic.road.profile import NAMES
 from frenetic.search import RandomSearch
 from frenetic.search.records import SourceTest
+from frenetic.segments.causes import as_text, cause_of
+from frenetic.segments.features import FEATURES
 from frenetic.simulators import EmbeddedSimulator
 
 if TYPE_CHECKING:
@@ -37,6 +40,7 @@ if TYPE_CHECKING:
 
 pytest_plugins = ["sample_campaign"]
 pytestmark = pytest.mark.heavy
+FAILURE_NAMES = [column.name for column in FAILURE_COLUMNS]
 PAGE = Path(__file__).parents[2] / "docs" / "files.md"
 
 
@@ -52,7 +56,42 @@ def rows_on_page(table: str) -> list[str]:
     return re.findall(r"^\| (`.*)$", section, re.MULTILINE)
 
 
-def expected(test: Test) -> dict[str, Any]:
+def expected_segment(test: Test) -> dict[str, Any]:
+    """Return what a row is expected to say of the road and the drive around a test's place."""
+    values = test.segment_values
+    names = ["place", "place_speed", "segment_least_radius", *(f"segment_{n}" for n in FEATURES)]
+    if values is None:
+        return dict.fromkeys([*names, "slowest", "fastest"])
+    assert test.drive is not None
+    assert test.segment is not None
+    speed, along = test.drive.trajectory.speed, test.segment.assessment.distance
+    curvature = values.features["max_curvature"]
+    return {
+        "place": values.place,
+        "place_speed": pytest.approx(np.interp(values.place, along, speed[: len(along)]), abs=0.5),
+        "segment_least_radius": 1.0 / curvature if curvature else None,
+        **{f"segment_{name}": value for name, value in values.features.items()},
+        "slowest": values.slowest,
+        "fastest": speed.max(),
+    }
+
+
+def expected_failure(test: Test, clusters: Clusters) -> dict[str, Any]:
+    """Return what a row is expected to say of a failure."""
+    finding = test.result.finding
+    row = dict.fromkeys(FAILURE_NAMES) | {"criterion": finding and finding.criterion}
+    if test.outcome is not Outcome.FAIL:
+        return row
+    numbers = [number for number, cluster in enumerate(clusters, 1) if test.id in cluster.ids]
+    row["distinct_failure"] = numbers[0] if numbers else None
+    if test.result.fault is not None:
+        return row | {"cause": str(test.result.fault)}
+    assert test.segment is not None
+    cause = cause_of(test.segment)
+    return row | {"cause": as_text(cause.kind), "cause_side": cause.bend_side}
+
+
+def expected(test: Test, clusters: Clusters) -> dict[str, Any]:
     """Return a test's expected row of the table."""
     candidate, result = test.candidate, test.result
     curvatures = candidate.curvatures.tolist()
@@ -86,6 +125,8 @@ def expected(test: Test) -> dict[str, Any]:
         "departure_x": departure and departure.x,
         "departure_y": departure and departure.y,
         "departure_side": departure and departure.side,
+        **expected_failure(test, clusters),
+        **expected_segment(test),
         "seconds": test.seconds,
         "elapsed": test.elapsed,
         "attempts": test.attempts,
@@ -113,7 +154,8 @@ def rows_of(frame: pd.DataFrame) -> list[dict[str, Any]]:
 
 def expected_rows(folder: Path) -> list[dict[str, Any]]:
     with CampaignStore.open(folder) as store:
-        return [expected(test) for test in store.tests()]
+        clusters = distinct_failures(store)
+        return [expected(test, clusters) for test in store.tests(with_trajectory=True)]
 
 
 def test_a_frame_has_the_values_of_the_tests(campaign: Path) -> None:
@@ -169,6 +211,10 @@ TYPES = {
     "operator": "string",
     "worker": "string",
     "departure_side": "category",
+    "cause": "string",
+    "cause_certainty": "category",
+    "distinct_failure": "Int64",
+    "segment_bends": "Float64",
     "length": "float64",
     "seconds": "float64",
     "moobd": "Float64",
@@ -294,6 +340,9 @@ def test_frames_have_units_and_the_box_of_the_car(campaign: Path) -> None:
     assert tests.attrs["units"]["moobd"] == "m"
     assert "outcome" not in tests.attrs["units"]
     assert records.attrs["units"]["lateral_speed"] == "m/s"
+    assert tests.attrs["definitions"]["cause"] == "what the driver did wrong first"
+    for frame in (tests, records):
+        assert frame.attrs["definitions"].keys() == {*frame}
     body = EmbeddedSimulator().car
     assert records.attrs["cars"] == {campaign.as_posix(): asdict(body)}
     assert body.centre_ahead == pytest.approx(-0.133, abs=1e-3)

@@ -10,7 +10,7 @@ import numpy as np
 from frenetic.analysis.campaign_measures import CampaignMeasures
 from frenetic.analysis.curves import campaign_curves
 from frenetic.analysis.measures import campaign_values
-from frenetic.export.table_columns import TABLES
+from frenetic.export.table_columns import TABLES, column_of
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -30,11 +30,11 @@ def measure_frame(campaigns: Iterable[CampaignMeasures]) -> pd.DataFrame:
         }
         for campaign in campaigns
     ]
-    dtypes = {"campaign": "string", "seed": "Int64", "simulations": "int64", "is_finished": "bool"}
+    columns = [column_of("measures", name) for name in ("campaign", *TABLES["measures"])]
     return pd.DataFrame(
         {
-            name: pd.Series([row[name] for row in rows], dtype=dtypes.get(name, "Float64"))
-            for name in ("campaign", *TABLES["measures"])
+            column.name: pd.Series([row[column.name] for row in rows], dtype=column.dtype)
+            for column in columns
         }
     )
 

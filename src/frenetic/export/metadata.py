@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, TypeAlias
 
-from frenetic.export.table_columns import TableColumn, column_of
+from frenetic.export.column import TableColumn
+from frenetic.export.table_columns import column_of
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -24,7 +24,7 @@ _PARQUET_KEY: Final = b"frenetic"
 
 def described(column: TableColumn) -> dict[str, str]:
     """Return meaning and unit of a column, without empty texts."""
-    return {name: text for name, text in asdict(column).items() if text and name != "name"}
+    return {name: text for name in ("about", "unit") if (text := getattr(column, name))}
 
 
 def write_description(folder: Path, tables: Mapping[str, Iterable[str]], cars: Cars) -> None:

@@ -1,98 +1,147 @@
-"""The columns of exported tables: name, unit and meaning of each."""
+"""The columns of exported tables: name, unit, meaning and type of each."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import replace
 from types import MappingProxyType
-from typing import Final
+from typing import Final, get_args
 
+from frenetic.analysis.cause_trials import Certainty
 from frenetic.analysis.measures import MEASURES
-from frenetic.campaign.columns import TEST_COLUMNS
-from frenetic.conditions.condition import known_conditions
-from frenetic.oracle.drive import Trajectory
+from frenetic.campaign.columns import TEST_COLUMNS, Column
+from frenetic.export.column import CATEGORY, CONDITION, INTEGER, TableColumn, condition_column
+from frenetic.export.trace_columns import SIGNAL, TRACE_COLUMNS, other_column
+from frenetic.oracle.outcome import Outcome
+from frenetic.oracle.verdict import Side
+from frenetic.segments.features import FEATURES
+from frenetic.segments.segment import REACH
 
-CONDITION: Final = "condition_"
-"""Beginning of the names of conditions' columns."""
+SEGMENT: Final = "segment_"
+"""Beginning of the names of columns about the road and the drive around a test's place."""
 
-
-@dataclass(frozen=True)
-class TableColumn:
-    """A column of an exported table."""
-
-    name: str
-    about: str
-    """Meaning of the values, for people."""
-    unit: str = ""
-    """Unit of the values; empty for a text, a share or a number."""
-
-
-_CAMPAIGN: Final = TableColumn("campaign", "folder of the campaign")
-_TEST_ORDER: Final = """
-    id result_number outcome reason operator parents generation
-    length max_curvature largest_change curvatures step x y heading
-    superelevation grade widening speed_limits
-    moobd moobd_distance max_oob_share objective duration distance
-    departure_time departure_distance departure_x departure_y departure_side
-    seconds elapsed attempts worker budget_spent finished_at
-    repeat source notes fault records
-"""
+_CAMPAIGN: Final = TableColumn("campaign", "folder of the campaign", dtype="string")
+_KIND_DTYPES: Final = {
+    "INTEGER": "int64",
+    "REAL": "Float64",
+    "TEXT": "string",
+    "JSON": "object",
+    "REALS": "object",
+    "PAIRS": "object",
+}
+"""Kind of values in the database -> type of their column in pandas."""
+_STORED_DTYPES: Final = {
+    **dict.fromkeys(("step", "seconds", "elapsed", "budget_spent"), "float64"),
+    "finished_at": "datetime64[ms, UTC]",
+    "records": INTEGER,
+}
+"""Name of a column of the database -> type in pandas, where it does not follow from the kind."""
+_SIDES: Final = get_args(Side)
+_PLACE: Final = "the place of the failure, or else where the car was nearest to its lane's edge"
 _LEFT: Final = "where the car left its lane"
-_DERIVED: Final = (
-    TableColumn("length", "length of the road", "m"),
+
+
+def _stored_column(column: Column) -> TableColumn:
+    """Return the column of a value of the database."""
+    dtype = _STORED_DTYPES.get(column.name) or _KIND_DTYPES[column.kind]
+    plain = TableColumn(column.name, column.about, column.unit, dtype)
+    if column.name == "outcome":
+        return replace(plain, dtype=CATEGORY, categories=tuple(map(str, Outcome)))
+    return plain
+
+
+_ROAD_COLUMNS: Final = (
+    TableColumn("length", "length of the road", "m", "float64"),
     TableColumn("max_curvature", "largest curvature of the road, without its sign", "1/m"),
     TableColumn("largest_change", "largest change of curvature from value to value", "1/m"),
+)
+"""Columns of tests that follow from the curvatures."""
+DEPARTURE_COLUMNS: Final = (
     TableColumn("departure_time", "simulated time at which the car left its lane", "s"),
     TableColumn("departure_distance", f"distance along the road to {_LEFT}", "m"),
     TableColumn("departure_x", f"coordinate on the map {_LEFT}", "m"),
     TableColumn("departure_y", f"coordinate on the map {_LEFT}", "m"),
-    TableColumn("departure_side", "side on which the car left its lane"),
+    TableColumn("departure_side", "side on which the car left its lane", "", CATEGORY, _SIDES),
 )
-"""Columns of tests that follow from values of the database."""
+"""Columns of tests in which the car left its lane."""
+FAILURE_COLUMNS: Final = (
+    TableColumn("criterion", "criterion by which the drive failed, such as lane", dtype="string"),
+    TableColumn("cause", "what the driver did wrong first", dtype="string"),
+    TableColumn("cause_side", "side to which the bends of the cause turn", "", CATEGORY, _SIDES),
+    TableColumn(
+        "cause_certainty",
+        "how sure the cause is after trials: certain, likely or doubtful",
+        "",
+        CATEGORY,
+        tuple(map(str, Certainty)),
+    ),
+    TableColumn(
+        "distinct_failure",
+        "number of the distinct failure, from 1, as frenetic show lists them",
+        dtype=INTEGER,
+    ),
+    TableColumn("minimised_length", "length of the road that was minimised", "m"),
+)
+"""Columns of tests that failed; their values are missing for others."""
+SEGMENT_COLUMNS: Final = (
+    TableColumn("place", f"distance along the road to {_PLACE}", "m"),
+    TableColumn("place_speed", "speed at the place", "m/s"),
+    TableColumn(
+        f"{SEGMENT}least_radius", f"least radius of the road within {REACH:g} m of the place", "m"
+    ),
+    *(
+        TableColumn(
+            f"{SEGMENT}{feature.name}",
+            f"{feature.description[0].lower()}{feature.description[1:]} within {REACH:g} m of the"
+            " place",
+            feature.unit,
+        )
+        for feature in FEATURES.values()
+    ),
+    TableColumn("slowest", "least speed of the drive once it was half of the largest", "m/s"),
+    TableColumn("fastest", "largest speed of the drive", "m/s"),
+)
+"""Columns of tests that were driven, about the road and the drive around their place."""
 _TEST_COLUMNS: Final = {
     column.name: column
     for column in (
-        *(TableColumn(column.name, column.about, column.unit) for column in TEST_COLUMNS),
-        *_DERIVED,
+        *map(_stored_column, TEST_COLUMNS),
+        *_ROAD_COLUMNS,
+        *DEPARTURE_COLUMNS,
+        *FAILURE_COLUMNS,
+        *SEGMENT_COLUMNS,
     )
 }
-MEASURED: Final = (
-    TableColumn("distance", "distance along the road", "m"),
-    TableColumn("lateral_offset", "distance left of the ego lane's centre line", "m"),
-    TableColumn("oob_share", "share of the car's box outside the ego lane"),
+_TEST_ORDER: Final = (
+    *["id", "result_number", "outcome", "reason", "operator", "parents", "generation"],
+    *["length", "max_curvature", "largest_change", "curvatures", "step", "x", "y", "heading"],
+    *["superelevation", "grade", "widening", "speed_limits"],
+    *["moobd", "moobd_distance", "max_oob_share", "objective", "duration", "distance"],
+    *(column.name for column in DEPARTURE_COLUMNS),
+    *(column.name for column in FAILURE_COLUMNS),
+    *(column.name for column in SEGMENT_COLUMNS),
+    *["seconds", "elapsed", "attempts", "worker", "budget_spent", "finished_at"],
+    *["repeat", "source", "notes", "fault", "records"],
 )
-"""Columns of a trajectory's records that follow from its road; missing after the drive's end."""
-RECORDED: Final = (
-    TableColumn("time", "simulated time since the start", "s"),
-    TableColumn("x", "coordinate of the centre of mass on the map", "m"),
-    TableColumn("y", "coordinate of the centre of mass on the map", "m"),
-    TableColumn("heading", "heading, counter-clockwise from +x", "rad"),
-    TableColumn("speed", "speed along the car", "m/s"),
-    TableColumn("lateral_speed", "speed across the car, positive to the left", "m/s"),
-    TableColumn("yaw_rate", "yaw rate, positive to the left", "rad/s"),
-    TableColumn("steering", "angle of the front wheels, positive to the left", "rad"),
-    TableColumn("steering_input", "angle that the driver asked for", "rad"),
-    TableColumn("throttle", "position of the throttle pedal that the driver asked for, 0..1"),
-    TableColumn("brake", "position of the brake pedal that the driver asked for, 0..1"),
-)
-"""Columns of a stored trajectory."""
+_RECORD_COLUMNS: Final = tuple(replace(column, dtype="float64") for column in TRACE_COLUMNS)
+"""Columns of the records of trajectories; NaN stands for a missing value."""
 COLUMNS: Final[Mapping[str, tuple[TableColumn, ...]]] = MappingProxyType(
     {
-        "tests": tuple(_TEST_COLUMNS[name] for name in _TEST_ORDER.split()),
-        "trajectories": (TableColumn("id", "id of the test"), *RECORDED, *MEASURED),
+        "tests": tuple(_TEST_COLUMNS[name] for name in _TEST_ORDER),
+        "trajectories": (TableColumn("id", "id of the test", dtype="int64"), *_RECORD_COLUMNS),
         "measures": (
-            TableColumn("seed", "seed of the search"),
-            TableColumn("simulations", "number of drives"),
-            TableColumn("is_finished", "whether the budget was spent"),
+            TableColumn("seed", "seed of the search", dtype=INTEGER),
+            TableColumn("simulations", "number of drives", dtype="int64"),
+            TableColumn("is_finished", "whether the budget was spent", dtype="bool"),
             *(
                 TableColumn(name, measure.definition, measure.unit)
                 for name, measure in MEASURES.items()
             ),
         ),
         "curves": (
-            TableColumn("curve", "name of the curve"),
-            TableColumn("x", "number of simulations, or radius"),
-            TableColumn("y", "number of failures"),
+            TableColumn("curve", "name of the curve", dtype="string"),
+            TableColumn("x", "number of simulations, or radius", dtype="float64"),
+            TableColumn("y", "number of failures", dtype="int64"),
         ),
     }
 )
@@ -103,18 +152,16 @@ TABLES: Final[Mapping[str, tuple[str, ...]]] = MappingProxyType(
 """Name of a table -> names of its columns.
 
 With several campaigns a column ``campaign`` comes first. In the table ``tests`` a column for each
-condition that some test has, such as ``condition_friction``, comes last.
+condition of some drive, such as ``condition_friction``, comes last; in ``trajectories`` a column
+for each signal of another package by which drives are judged, such as ``signal_roll``.
 """
-
-assert tuple(column.name for column in RECORDED) == Trajectory.names()
 
 
 def column_of(table: str, name: str) -> TableColumn:
-    """Return the column of this name in a table, which may be a campaign or a condition."""
+    """Return the column of this name in a table, which may be a campaign, condition or signal."""
     known = {column.name: column for column in (_CAMPAIGN, *COLUMNS[table])}
     if name in known:
         return known[name]
-    condition = known_conditions().get(name.removeprefix(CONDITION))
-    if condition is None:
-        return TableColumn(name, "")
-    return TableColumn(name, condition.about, condition.unit)
+    if name.startswith(CONDITION):
+        return condition_column(name.removeprefix(CONDITION))
+    return other_column(name.removeprefix(SIGNAL))

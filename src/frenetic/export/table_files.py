@@ -19,19 +19,24 @@ from frenetic._support.printable import text_cell
 from frenetic.export.metadata import described_schema, write_description
 from frenetic.export.table_columns import TABLES
 from frenetic.export.tables import (
-    DICTIONARY_COLUMNS,
-    CampaignSource,
-    CampaignTest,
     campaigns_of,
     cars_of,
+    frame_of_tests,
+    require_extra,
+    signal_names,
+    without_campaign,
+)
+from frenetic.export.test_rows import (
+    DICTIONARY_COLUMNS,
+    CampaignSource,
+    TableTest,
     condition_names,
-    frame_of,
     open_store,
     plain_rows,
     read_tests,
-    require_extra,
     test_columns,
 )
+from frenetic.export.trace_columns import SIGNAL
 from frenetic.export.trajectory_files import TRAJECTORY_FILES, RowWriter
 from frenetic.oracle.outcome import Outcome
 from frenetic.road import profile
@@ -72,12 +77,13 @@ def write_tables(
         require_extra("the format parquet")
     campaigns, are_named = campaigns_of(source)
     conditions = condition_names(campaigns)
-    cars = cars_of(campaigns)
+    signals, cars = signal_names(campaigns), cars_of(campaigns)
     if format != "parquet":  # which holds it in its own files
         names = {"tests": test_columns(conditions, are_named=are_named)}
         if driven is not None:
             first = ("campaign",) if are_named else ()
-            names["trajectories"] = (*first, *TABLES["trajectories"])
+            others = (f"{SIGNAL}{name}" for name in signals)
+            names["trajectories"] = (*first, *TABLES["trajectories"], *others)
         write_description(folder, names, cars)
     done = total = 0
     for campaign in campaigns:
@@ -95,12 +101,12 @@ def write_tables(
         if driven is not None:
             trajectory_file = TRAJECTORY_FILES[format]
             write_trajectories = files.enter_context(
-                trajectory_file(folder / "trajectories", are_named=are_named, cars=cars)
+                trajectory_file(folder / "trajectories", signals, are_named=are_named, cars=cars)
             )
         while True:
             batch = list(islice(tests, TESTS_AT_ONCE))
             write_tests(batch)
-            write_trajectories([item for item in batch if item[1].outcome in (driven or ())])
+            write_trajectories([item for item in batch if item.test.outcome in (driven or ())])
             done += len(batch)
             on_progress(done, max(done, total))  # the campaign may grow meanwhile
             if len(batch) < TESTS_AT_ONCE:
@@ -118,7 +124,7 @@ def _json_file(path: Path, conditions: Sequence[str], *, are_named: bool) -> Ite
     """
     with path.with_suffix(".jsonl").open("wb") as file:
 
-        def write(tests: Sequence[CampaignTest]) -> None:
+        def write(tests: Sequence[TableTest]) -> None:
             for row in plain_rows(tests, conditions, are_named=are_named):
                 file.write(encode(row) + b"\n")
 
@@ -135,7 +141,7 @@ def _csv_file(path: Path, conditions: Sequence[str], *, are_named: bool) -> Iter
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(test_columns(conditions, are_named=are_named))
 
-        def write(tests: Sequence[CampaignTest]) -> None:
+        def write(tests: Sequence[TableTest]) -> None:
             for row in plain_rows(tests, conditions, are_named=are_named):
                 writer.writerow(
                     value if value is None or isinstance(value, int | float) else _cell(value)
@@ -154,9 +160,10 @@ def _parquet_file(path: Path, conditions: Sequence[str], *, are_named: bool) -> 
     with ExitStack() as opened:
         file: ParquetWriter | None = None
 
-        def write(tests: Sequence[CampaignTest]) -> None:
+        def write(tests: Sequence[TableTest]) -> None:
             nonlocal file
-            frame = frame_of("tests", tests, conditions, are_named=are_named)
+            frame = frame_of_tests(tests, conditions)
+            frame = frame if are_named else without_campaign(frame)
             texts = [name for name in DICTIONARY_COLUMNS if name in frame]
             plain = _with_texts(frame, texts)
             if file is None:  # the first frame says which columns the file has

@@ -3,19 +3,21 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import Final, TypeAlias
+from typing import Final, Self, TypeAlias
 
 import numpy as np
 
-from frenetic._support.arrays import FloatArray
-from frenetic.criteria.criterion import SIGNALS, Signal, signal_named
-from frenetic.export.table_columns import CONDITION, MEASURED, RECORDED, TableColumn, column_of
+from frenetic._support.arrays import FloatArray, IntArray
+from frenetic.criteria.criterion import SIGNALS, CriteriaSet, Signal, signal_named
+from frenetic.export.column import TableColumn, condition_column
+from frenetic.oracle.assessment import assess
+from frenetic.oracle.drive import Drive, Trajectory
 from frenetic.oracle.notes import TOLD, DriverNotes
 from frenetic.oracle.signals import LocatedDrive, series
-from frenetic.road import profile
+from frenetic.road import Road, profile
 from frenetic.road.geometry import headings_at
 
 _DIGITS: Final = ".9g"  # of a written number: stored places have up to 8 digits (our choice)
@@ -44,8 +46,32 @@ class TracedDrive:
     """Distance of the centre of mass to the lane's edge, (n,) in m, negative outside."""
     oob_share: FloatArray
     """Share of the car's box outside the ego lane, (n,), 0..1."""
+    records: IntArray
+    """Index of each of these records in the drive, (n,)."""
     notes: DriverNotes | None = None
     """What the driver was told and noted; None if it was not kept."""
+
+    @classmethod
+    def of(cls, road: Road, drive: Drive) -> Self:
+        """Return a drive on a road as its trace shows it.
+
+        Left out are records after the one that ended the drive, and a record with the time of the
+        record before.
+
+        Args:
+            road: the road.
+            drive: a drive with records, whose times and places are numbers.
+        """
+        assessment = assess(road, drive)
+        times = drive.trajectory.time[: len(assessment.distance)]
+        is_later = np.diff(times, prepend=-np.inf) > 0.0
+        return cls(
+            LocatedDrive.of(road, drive, assessment.distance, assessment.lateral_offset),
+            assessment.oob_distance[is_later],
+            assessment.oob_share[is_later],
+            np.flatnonzero(is_later),
+            drive.notes,
+        )
 
 
 _Measure: TypeAlias = Callable[[TracedDrive], FloatArray]
@@ -78,18 +104,40 @@ def lane_width(traced: TracedDrive) -> FloatArray:
     return road.lane_width + profile.value_at(road.widening, traced.located.distance)
 
 
-def _recorded(name: str, traced: TracedDrive) -> FloatArray:
-    """Return a column of the trajectory, (n,)."""
-    values: FloatArray = getattr(traced.located.path, name)
-    return values
-
-
 def _profile_value(name: str, traced: TracedDrive) -> FloatArray:
     """Return the values of a profile of the road beside the car, (n,)."""
     return profile.value_at(getattr(traced.located.road, name), traced.located.distance)
 
 
+RECORDED: Final = (
+    TableColumn("time", "simulated time since the start", "s"),
+    TableColumn("x", "coordinate of the centre of mass on the map", "m"),
+    TableColumn("y", "coordinate of the centre of mass on the map", "m"),
+    TableColumn("heading", "heading, counter-clockwise from +x", "rad"),
+    TableColumn("speed", "speed along the car", "m/s"),
+    TableColumn("lateral_speed", "speed across the car, positive to the left", "m/s"),
+    TableColumn("yaw_rate", "yaw rate, positive to the left", "rad/s"),
+    TableColumn("steering", "angle of the front wheels, positive to the left", "rad"),
+    TableColumn("steering_input", "angle that the driver asked for", "rad"),
+    TableColumn("throttle", "position of the throttle pedal that the driver asked for, 0..1"),
+    TableColumn("brake", "position of the brake pedal that the driver asked for, 0..1"),
+)
+"""Columns of a stored trajectory."""
+assert tuple(column.name for column in RECORDED) == Trajectory.names()
+
 _FOLLOWING: Final[tuple[tuple[TableColumn, _Measure], ...]] = (
+    (
+        TableColumn("distance", "distance along the road", "m"),
+        lambda traced: traced.located.distance,
+    ),
+    (
+        TableColumn("lateral_offset", "distance left of the ego lane's centre line", "m"),
+        lambda traced: traced.located.lateral_offset,
+    ),
+    (
+        TableColumn("oob_share", "share of the car's box outside the ego lane"),
+        lambda traced: traced.oob_share,
+    ),
     (
         TableColumn("oob_distance", "distance to the ego lane's edge, negative outside", "m"),
         lambda traced: traced.oob_distance,
@@ -131,17 +179,7 @@ def _signal_column(name: str, signal: Signal) -> tuple[TableColumn, _Measure]:
     return column, lambda traced: series(signal.name, traced.located, signal.window)
 
 
-_COLUMNS: Final[tuple[tuple[TableColumn, _Measure], ...]] = (
-    *((column, partial(_recorded, column.name)) for column in RECORDED),
-    *zip(
-        MEASURED,
-        (
-            lambda traced: traced.located.distance,
-            lambda traced: traced.located.lateral_offset,
-            lambda traced: traced.oob_share,
-        ),
-        strict=True,
-    ),
+_DERIVED: Final[tuple[tuple[TableColumn, _Measure], ...]] = (
     *_FOLLOWING,
     *(
         _signal_column(name, signal)
@@ -149,7 +187,9 @@ _COLUMNS: Final[tuple[tuple[TableColumn, _Measure], ...]] = (
         if name not in _OTHER_COLUMNS
     ),
 )
-TRACE_COLUMNS: Final = tuple(column for column, _ in _COLUMNS)
+DERIVED: Final = tuple(column for column, _ in _DERIVED)
+"""Columns of every trace that follow from road and drive: its places and signals."""
+TRACE_COLUMNS: Final = (*RECORDED, *DERIVED)
 """Columns of every trace.
 
 Columns follow for signals of other packages, for what the driver was told and noted, if that is
@@ -157,12 +197,46 @@ known, and for conditions.
 """
 
 
+def signals_of_others(criteria: CriteriaSet) -> tuple[str, ...]:
+    """Return the names of the signals among some criteria that come from other packages."""
+    names = (criterion.signal for criterion in criteria.criteria)
+    return tuple(name for name in names if name not in SIGNALS)
+
+
+def other_column(signal: str) -> TableColumn:
+    """Return the column of another package's signal."""
+    return _signal_column(f"{SIGNAL}{signal}", signal_named(signal))[0]
+
+
+def derived_values(traced: TracedDrive, signals: Sequence[str]) -> FloatArray:
+    """Return the values of `DERIVED`, then of signals of other packages, (k, n).
+
+    Values that are no number, such as a mean over a window that begins before the drive, are NaN.
+
+    Args:
+        traced: the drive.
+        signals: names of signals of other packages; those without a criterion in this drive are
+            NaN.
+
+    Raises:
+        FreneticError: the function of another package's signal raised an error.
+    """
+    values = np.full((len(_DERIVED) + len(signals), len(traced.records)), np.nan)
+    judged = signals_of_others(traced.located.rules.criteria)
+    with np.errstate(all="ignore"):  # another simulator's records may be no numbers
+        for row, (_, measure) in enumerate(_DERIVED):
+            values[row] = measure(traced)
+        for row, name in enumerate(signals, len(_DERIVED)):
+            if name in judged:
+                values[row] = series(name, traced.located, signal_named(name).window)
+    values[~np.isfinite(values)] = np.nan
+    return values
+
+
 def measure_columns(
     traced: TracedDrive, conditions: Mapping[str, float]
 ) -> tuple[tuple[TableColumn, ...], FloatArray]:
-    """Return the columns of a drive's trace and their values, (k, n).
-
-    Values that are no number, such as a mean over a window that begins before the drive, are NaN.
+    """Return the columns of a drive's trace and their values, (k, n); NaN for a missing value.
 
     Args:
         traced: the drive.
@@ -171,31 +245,27 @@ def measure_columns(
     Raises:
         FreneticError: the function of another package's signal raised an error.
     """
-    criteria = traced.located.rules.criteria.criteria
-    others = [name for criterion in criteria if (name := criterion.signal) not in SIGNALS]
-    measured = [
-        *_COLUMNS,
-        *(_signal_column(f"{SIGNAL}{name}", signal_named(name)) for name in others),
-    ]
-    columns = [column for column, _ in measured]
-    with np.errstate(all="ignore"):  # another simulator's records may be no numbers
-        values = [measure(traced) for _, measure in measured]
-    if traced.notes is not None:
-        told, noted = _noted_columns(traced.notes, traced.located.path.time)
-        columns += told
-        values += noted
-    for name, amount in conditions.items():
-        columns.append(column_of("tests", f"{CONDITION}{name}"))
-        values.append(np.full(len(traced.oob_share), amount))
-    table = np.stack(values)
-    table[~np.isfinite(table)] = np.nan
-    return tuple(columns), table
+    signals, path = signals_of_others(traced.located.rules.criteria), traced.located.path
+    recorded = [getattr(path, column.name) for column in RECORDED]
+    note_columns, noted = _noted_columns(traced.notes, path.time)
+    amounts = [np.full(len(traced.records), amount) for amount in conditions.values()]
+    columns = (
+        *TRACE_COLUMNS,
+        *map(other_column, signals),
+        *note_columns,
+        *map(condition_column, conditions),
+    )
+    values = np.stack([*recorded, *derived_values(traced, signals), *noted, *amounts])
+    values[~np.isfinite(values)] = np.nan
+    return columns, values
 
 
 def _noted_columns(
-    notes: DriverNotes, times: FloatArray
+    notes: DriverNotes | None, times: FloatArray
 ) -> tuple[list[TableColumn], list[FloatArray]]:
     """Return the columns of what a driver was told and noted, and their values, (n,) each."""
+    if notes is None:
+        return [], []
     columns = [
         TableColumn(f"told_{name}", f"{name.replace('_', ' ')} that the driver was told", unit)
         for name, unit in _TOLD_UNITS.items()

@@ -28,7 +28,7 @@ from mcap.writer import Writer
 from msgspec.json import encode
 
 from frenetic._support.arrays import FloatArray
-from frenetic.export.table_columns import TableColumn
+from frenetic.export.column import TableColumn
 from frenetic.export.trace_columns import field_name, number_text
 from frenetic.export.traces import DriveTrace, TraceEvent
 

@@ -13,12 +13,10 @@ from frenetic._support.arrays import FloatArray
 from frenetic.campaign.record import Test
 from frenetic.criteria.criterion import DRIVER, LANE, signal_named
 from frenetic.errors import FreneticError
-from frenetic.export.table_columns import TableColumn
+from frenetic.export.column import TableColumn
 from frenetic.export.trace_columns import TracedDrive, measure_columns
-from frenetic.oracle.assessment import assess
 from frenetic.oracle.drive import CarBody, Drive, Trajectory
 from frenetic.oracle.outcome import Outcome
-from frenetic.oracle.signals import LocatedDrive
 from frenetic.oracle.verdict import Finding, Result
 from frenetic.road import Road, profile
 from frenetic.segments.causes import as_text
@@ -131,21 +129,13 @@ def trace_of(
     drive = replace(drive, trajectory=_until_unknown(drive.trajectory))
     if not has_records(drive.trajectory):
         raise FreneticError("the drive has no records: there is nothing to trace")
-    assessment = assess(road, drive)
-    times = drive.trajectory.time[: len(assessment.distance)]
-    is_later = np.diff(times, prepend=-np.inf) > 0.0
-    traced = TracedDrive(
-        LocatedDrive.of(road, drive, assessment.distance, assessment.lateral_offset),
-        assessment.oob_distance[is_later],
-        assessment.oob_share[is_later],
-        drive.notes,
-    )
+    traced = TracedDrive.of(road, drive)
     columns, values = measure_columns(traced, conditions)
     return DriveTrace(
         columns=columns,
         values=values,
         heights=road.heights(traced.located.distance),
-        events=_events(road, drive, result, float(times[-1])),
+        events=_events(road, drive, result, float(traced.located.path.time[-1])),
         lane=LaneEdges.of(road),
         car=drive.car,
         result=result,

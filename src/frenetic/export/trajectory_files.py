@@ -22,53 +22,76 @@ from frenetic.campaign.record import Test
 from frenetic.campaign.trajectory_codec import RESOLUTIONS, to_steps
 from frenetic.export.decimal_text import decimal_rows
 from frenetic.export.metadata import Cars, described_schema
-from frenetic.export.record_columns import DECIMALS, measured_multiples, measured_values
-from frenetic.export.table_columns import MEASURED
-from frenetic.export.tables import CampaignTest, frame_of
+from frenetic.export.record_columns import (
+    decimals_of,
+    record_columns,
+    record_multiples,
+    record_values,
+)
+from frenetic.export.tables import frame_of_trajectories, without_campaign
+from frenetic.export.test_rows import TableTest
 from frenetic.oracle.drive import Trajectory
 
-RowWriter: TypeAlias = Callable[[Sequence[CampaignTest]], object]
+RowWriter: TypeAlias = Callable[[Sequence[TableTest]], object]
 """Function that appends the trajectories of tests to an open file."""
 
 _NAMES: Final = Trajectory.names()
-_ALL_NAMES: Final = (*_NAMES, *(column.name for column in MEASURED))
-_DECIMALS: Final = np.array(
-    [*(round(-math.log10(RESOLUTIONS[name])) for name in _NAMES), *[DECIMALS] * len(MEASURED)]
-)
-"""Number of decimals of each column of a trajectory."""
+_STORED_DECIMALS: Final = [round(-math.log10(RESOLUTIONS[name])) for name in _NAMES]
+"""Number of decimals of each column of a stored trajectory."""
 
-_REPEATED: Final = ("id", "time", "steering_input", "throttle", "brake", "oob_share")
+_REPEATED: Final = (
+    *("campaign", "id", "time", "steering_input", "throttle", "brake", "oob_share"),
+    *("grade", "superelevation", "lane_width", "speed_limit", "stop"),
+)
 """Columns with few different values, for which Parquet keeps a dictionary: for the others it would
 take a third of the time, and more bytes."""
 
 
-def _multiples(test: Test) -> IntArray:
-    """Return the columns of a trajectory, (14, n), in units of their last decimal."""
+def _names_of(signals: Sequence[str]) -> tuple[str, ...]:
+    """Return the names of a trajectory's columns."""
+    return (*_NAMES, *(column.name for column in record_columns(signals)))
+
+
+def _decimals_of(signals: Sequence[str]) -> IntArray:
+    """Return the number of decimals of each column of a trajectory."""
+    return np.array([*_STORED_DECIMALS, *decimals_of(record_columns(signals))], np.int64)
+
+
+def _multiples(test: Test, signals: Sequence[str]) -> IntArray:
+    """Return the columns of a trajectory, (k, n), in units of their last decimal."""
     assert test.trajectory is not None, "the caller has looked"
-    return np.concatenate((to_steps(test.trajectory), measured_multiples(test)))
+    return np.concatenate((to_steps(test.trajectory), record_multiples(test, signals)))
 
 
 @contextmanager
-def _json_file(path: Path, *, are_named: bool, cars: Cars) -> Iterator[RowWriter]:  # noqa: ARG001
+def _json_file(
+    path: Path,
+    signals: Sequence[str],
+    *,
+    are_named: bool,
+    cars: Cars,  # noqa: ARG001
+) -> Iterator[RowWriter]:
     """Yield a function that appends trajectories to a file, as a JSON object per record and line.
 
     Args:
         path: path without suffix.
+        signals: names of other packages' signals that get a column.
         are_named: whether the rows have the folder of their campaign.
         cars: boxes of the campaigns' cars, for the metadata of a format that has any.
     """
-    between = [f',"{name}":'.encode() for name in _ALL_NAMES]
+    between = [f',"{name}":'.encode() for name in _names_of(signals)]
+    decimals = _decimals_of(signals)
     with path.with_suffix(".jsonl").open("wb") as file:
 
-        def write(tests: Sequence[CampaignTest]) -> None:
-            for campaign, test in tests:
+        def write(tests: Sequence[TableTest]) -> None:
+            for campaign, test, *_ in tests:
                 if test.trajectory:
                     first = {"campaign": campaign, "id": test.id} if are_named else {"id": test.id}
                     separators = [encode(first)[:-1] + between[0], *between[1:], b"}\n"]
                     file.write(
                         decimal_rows(
-                            _multiples(test),
-                            _DECIMALS,
+                            _multiples(test, signals),
+                            decimals,
                             separators,
                             has_exponents=False,
                             missing=b"null",
@@ -79,24 +102,30 @@ def _json_file(path: Path, *, are_named: bool, cars: Cars) -> Iterator[RowWriter
 
 
 @contextmanager
-def _csv_file(path: Path, *, are_named: bool, cars: Cars) -> Iterator[RowWriter]:  # noqa: ARG001
+def _csv_file(
+    path: Path,
+    signals: Sequence[str],
+    *,
+    are_named: bool,
+    cars: Cars,  # noqa: ARG001
+) -> Iterator[RowWriter]:
     """Yield a function that appends trajectories to a CSV file, see `_json_file`.
 
     No spreadsheet reads a text in it as a formula.
     """
-    names = ["campaign", "id", *_ALL_NAMES] if are_named else ["id", *_ALL_NAMES]
-    between = [b","] * (len(_ALL_NAMES) - 1)
+    columns, decimals = _names_of(signals), _decimals_of(signals)
+    names = ["campaign", "id", *columns] if are_named else ["id", *columns]
+    between = [b","] * (len(columns) - 1)
     with path.with_suffix(".csv").open("wb") as file:
         file.write(_csv_line(names))
 
-        def write(tests: Sequence[CampaignTest]) -> None:
-            for campaign, test in tests:
+        def write(tests: Sequence[TableTest]) -> None:
+            for campaign, test, *_ in tests:
                 if test.trajectory:
                     cells = [text_cell(campaign), test.id] if are_named else [test.id]
                     separators = [_csv_line(cells)[:-1] + b",", *between, b"\n"]
-                    file.write(
-                        decimal_rows(_multiples(test), _DECIMALS, separators, has_exponents=True)
-                    )
+                    multiples = _multiples(test, signals)
+                    file.write(decimal_rows(multiples, decimals, separators, has_exponents=True))
 
         yield write
 
@@ -109,23 +138,26 @@ def _csv_line(cells: Sequence[object]) -> bytes:
 
 
 @contextmanager
-def _parquet_file(path: Path, *, are_named: bool, cars: Cars) -> Iterator[RowWriter]:
+def _parquet_file(
+    path: Path, signals: Sequence[str], *, are_named: bool, cars: Cars
+) -> Iterator[RowWriter]:
     """Yield a function that appends trajectories to a Parquet file, see `_json_file`."""
     import pyarrow as pa  # an extra
     from pyarrow.parquet import ParquetWriter  # an extra
 
-    empty = frame_of("trajectories", (), (), are_named=are_named)
+    empty = frame_of_trajectories((), signals)
+    empty = empty if are_named else without_campaign(empty)
     inferred = pa.Schema.from_pandas(empty, preserve_index=False)
     schema = described_schema(inferred, "trajectories", cars)
-    repeated = [name for name in (*_REPEATED, "campaign") if name in schema.names]
+    repeated = [name for name in _REPEATED if name in schema.names]
     with ParquetWriter(
         path.with_suffix(".parquet"), schema, compression="zstd", use_dictionary=repeated
     ) as file:
 
-        def write(tests: Sequence[CampaignTest]) -> None:
+        def write(tests: Sequence[TableTest]) -> None:
             driven = [
-                (campaign, test.id, test.trajectory, measured_values(test))
-                for campaign, test in tests
+                (campaign, test.id, test.trajectory, record_values(test, signals))
+                for campaign, test, *_ in tests
                 if test.trajectory
             ]
             if not driven:
@@ -151,4 +183,4 @@ TRAJECTORY_FILES: Final[Mapping[str, Callable[..., AbstractContextManager[RowWri
     "csv": _csv_file,
     "parquet": _parquet_file,
 }
-"""Format -> function of a path without suffix, `are_named` and `cars` that opens a file."""
+"""Format -> function of a path without suffix, signals, `are_named`, `cars` that opens a file."""

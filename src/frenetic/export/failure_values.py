@@ -1,0 +1,79 @@
+"""What a campaign's analysis says of its failures, as tables hold it: cause, certainty, number."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, Self
+
+from frenetic.analysis.clusters import Clusters, distinct_failures
+from frenetic.analysis.explained import explained_causes
+from frenetic.campaign.record import Test
+from frenetic.campaign.store import CampaignStore
+from frenetic.errors import Fault
+from frenetic.rerun.minimised_roads import minimised_drives, minimised_tests
+from frenetic.segments.causes import Cause, as_text
+
+
+@dataclass(frozen=True)
+class FailureAnalysis:
+    """Distinct failures, certainties of causes and minimised roads of a campaign."""
+
+    numbers: Mapping[int, int]
+    """Id of a test -> number of its distinct failure, from 1 in the order of `Clusters`."""
+    certainties: Mapping[Cause | Fault | None, str]
+    """Cause without the side of its bends -> how sure it is, for those that were tried."""
+    minimised_lengths: Mapping[int, float]
+    """Id of a test -> length of its minimised road, in m."""
+
+    @classmethod
+    def of(cls, store: CampaignStore, clusters: Clusters | None = None) -> Self:
+        """Return the analysis of a campaign.
+
+        Args:
+            store: the campaign.
+            clusters: its distinct failures, if they are known.
+
+        Raises:
+            CampaignError: the campaign is damaged.
+        """
+        clusters = distinct_failures(store) if clusters is None else clusters
+        minimised = minimised_drives(store, minimised_tests(store.folder))
+        return cls(
+            {i: number for number, cluster in enumerate(clusters, 1) for i in cluster.ids},
+            {
+                _without_side(cause.group.clusters[0].cause) or cause.group.fault: cause.certainty
+                for cause in explained_causes(store, clusters)
+                if cause.certainty is not None
+            },
+            {test_id: test.road.length for test_id, test in minimised.items()},
+        )
+
+    def values_of(self, test: Test) -> dict[str, Any]:
+        """Return the values of a failed test in its `FAILURE_COLUMNS`, without missing ones.
+
+        The test was read with the values of its segment.
+        """
+        values, fault = test.stored_values or test.measure(), test.result.fault
+        cause = None if values is None else values.cause
+        key = _without_side(cause) or fault
+        row = {
+            "cause": cause_text(cause, fault),
+            "cause_side": None if cause is None else cause.bend_side,
+            "cause_certainty": self.certainties.get(key),
+            "distinct_failure": self.numbers.get(test.id),
+            "minimised_length": self.minimised_lengths.get(test.id),
+        }
+        return {name: value for name, value in row.items() if value is not None}
+
+
+def cause_text(cause: Cause | None, fault: Fault | None) -> str | None:
+    """Return the cause of a failure in words, without the side of bends; None if it is unknown."""
+    if cause is not None:
+        return as_text(cause.kind, None, cause.criterion)
+    return None if fault is None else str(fault)
+
+
+def _without_side(cause: Cause | None) -> Cause | None:
+    """Return a cause without the side of its bends."""
+    return None if cause is None else cause._replace(bend_side=None)
