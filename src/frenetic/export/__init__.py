@@ -12,6 +12,7 @@ from frenetic.export.trace_files import write_trace
 from frenetic.export.trace_folder import export_traces
 from frenetic.export.trace_layouts import write_layouts
 from frenetic.export.traces import DriveTrace, LaneEdges, TraceEvent, trace_of, trace_of_test
+from frenetic.export.version_tables import versions_frame
 
 __all__ = [
     "FORMATS",
@@ -31,6 +32,7 @@ __all__ = [
     "to_openscenario",
     "trace_of",
     "trace_of_test",
+    "versions_frame",
     "write_layouts",
     "write_road",
     "write_trace",

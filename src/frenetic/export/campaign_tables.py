@@ -30,11 +30,10 @@ def measure_frame(campaigns: Iterable[CampaignMeasures]) -> pd.DataFrame:
         }
         for campaign in campaigns
     ]
-    columns = [column_of("measures", name) for name in ("campaign", *TABLES["measures"])]
     return pd.DataFrame(
         {
-            column.name: pd.Series([row[column.name] for row in rows], dtype=column.dtype)
-            for column in columns
+            name: pd.Series([row[name] for row in rows], dtype=column_of("measures", name).dtype)
+            for name in ("campaign", *TABLES["measures"])
         }
     )
 

@@ -11,7 +11,7 @@ from frenetic.campaign.store import CampaignStore
 from frenetic.export.competition_folder import write_competition_folder
 from frenetic.export.folders import EXPORTS, whole_folder
 from frenetic.export.table_files import write_tables
-from frenetic.export.test_rows import CampaignSource, open_store
+from frenetic.export.table_rows import CampaignSource, open_store
 from frenetic.oracle.outcome import Outcome, chosen_outcomes
 
 Format: TypeAlias = Literal["parquet", "csv", "json", "competition"]

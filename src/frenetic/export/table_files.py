@@ -18,15 +18,7 @@ from msgspec.json import encode
 from frenetic._support.printable import text_cell
 from frenetic.export.metadata import described_schema, write_description
 from frenetic.export.table_columns import TABLES
-from frenetic.export.tables import (
-    campaigns_of,
-    cars_of,
-    frame_of_tests,
-    require_extra,
-    signal_names,
-    without_campaign,
-)
-from frenetic.export.test_rows import (
+from frenetic.export.table_rows import (
     DICTIONARY_COLUMNS,
     CampaignSource,
     TableTest,
@@ -35,6 +27,14 @@ from frenetic.export.test_rows import (
     plain_rows,
     read_tests,
     test_columns,
+)
+from frenetic.export.tables import (
+    campaigns_of,
+    cars_of,
+    frame_of_tests,
+    require_extra,
+    signal_names,
+    without_campaign,
 )
 from frenetic.export.trace_columns import SIGNAL
 from frenetic.export.trajectory_files import TRAJECTORY_FILES, RowWriter

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import asdict
 from pathlib import Path
@@ -20,7 +20,7 @@ from frenetic.export.campaign_tables import curve_frame, measure_frame
 from frenetic.export.column import CATEGORY, TableColumn
 from frenetic.export.record_columns import record_columns, record_values, signals_in
 from frenetic.export.table_columns import TABLES, column_of
-from frenetic.export.test_rows import (
+from frenetic.export.table_rows import (
     CampaignSource,
     TableTest,
     condition_names,
@@ -95,12 +95,13 @@ def data_frame(
         records = read_tests(campaigns, wanted, ids=ids, with_trajectory=True, with_values=False)
         frame = frame_of_trajectories(records, signal_names(campaigns))
         frame.attrs["cars"] = cars_of(campaigns)
-    return _described(frame if are_named else without_campaign(frame), table)
+    frame = frame if are_named else without_campaign(frame)
+    return with_descriptions(frame, [column_of(table, str(name)) for name in frame])
 
 
-def _described(frame: pd.DataFrame, table: Table) -> pd.DataFrame:
-    """Add units and definitions of the columns to a frame, and return it."""
-    columns = [column_of(table, str(name)) for name in frame]
+def with_descriptions(frame: pd.DataFrame, columns: Iterable[TableColumn]) -> pd.DataFrame:
+    """Return a frame, to whose ``attrs`` units and definitions of its columns are added."""
+    columns = list(columns)
     frame.attrs["units"] = {column.name: column.unit for column in columns if column.unit}
     frame.attrs["definitions"] = {column.name: column.about for column in columns if column.about}
     return frame
@@ -177,17 +178,29 @@ def frame_of_tests(tests: Iterable[TableTest], conditions: Iterable[str]) -> pd.
         tests: the tests.
         conditions: names of the conditions that get a column.
     """
+    columns = [column_of("tests", name) for name in test_columns(conditions, are_named=True)]
+    return frame_of_rows(columns, map(row_of, tests))
+
+
+def frame_of_rows(
+    columns: Sequence[TableColumn], rows: Iterable[Mapping[str, Any]]
+) -> pd.DataFrame:
+    """Return rows as a frame, with units and definitions of the columns.
+
+    Args:
+        columns: columns of the frame.
+        rows: name of a column -> value, of each row; other names are left out.
+    """
     import pandas as pd  # an extra
 
-    columns = [column_of("tests", name) for name in test_columns(conditions, are_named=True)]
     values: dict[str, list[Any]] = {column.name: [] for column in columns}
-    for test in tests:
-        row = row_of(test)
+    for row in rows:
         for name, cells in values.items():
             cells.append(row.get(name))
-    return pd.DataFrame(
+    frame = pd.DataFrame(
         {column.name: pd.Series(values[column.name], dtype=_dtype(column)) for column in columns}
     )
+    return with_descriptions(frame, columns)
 
 
 def _dtype(column: TableColumn) -> Any:

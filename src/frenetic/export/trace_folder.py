@@ -12,7 +12,7 @@ from frenetic.campaign.record import file_stem
 from frenetic.campaign.store import CampaignStore
 from frenetic.errors import FreneticError
 from frenetic.export.folders import EXPORTS, added_to, whole_folder
-from frenetic.export.test_rows import open_store
+from frenetic.export.table_rows import open_store
 from frenetic.export.trace_files import TraceForm, check_form, write_form
 from frenetic.export.trace_layouts import layout_texts
 from frenetic.export.traces import has_records, trace_of_test

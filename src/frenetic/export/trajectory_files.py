@@ -28,8 +28,8 @@ from frenetic.export.record_columns import (
     record_multiples,
     record_values,
 )
+from frenetic.export.table_rows import TableTest
 from frenetic.export.tables import frame_of_trajectories, without_campaign
-from frenetic.export.test_rows import TableTest
 from frenetic.oracle.drive import Trajectory
 
 RowWriter: TypeAlias = Callable[[Sequence[TableTest]], object]

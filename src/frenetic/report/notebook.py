@@ -18,7 +18,7 @@ from frenetic.campaign.campaign import Campaign
 from frenetic.campaign.record import Test
 from frenetic.campaign.store import CampaignStore
 from frenetic.errors import CampaignError
-from frenetic.export.test_rows import open_store
+from frenetic.export.table_rows import open_store
 from frenetic.report.judged_drive import judge_drive
 from frenetic.report.picture import Fact, facts_of_drive, facts_of_road
 from frenetic.report.plots import draw_curves

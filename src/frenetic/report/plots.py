@@ -19,7 +19,7 @@ from frenetic._support.words import counted, oob_words
 from frenetic.analysis.clusters import distinct_failures
 from frenetic.analysis.comparison import Comparison
 from frenetic.campaign.record import Test
-from frenetic.export.test_rows import CampaignSource, open_store
+from frenetic.export.table_rows import CampaignSource, open_store
 from frenetic.oracle.drive import Drive
 from frenetic.report.html.comparison import group_charts
 from frenetic.report.html.page import Chart

@@ -22,7 +22,7 @@ from frenetic.campaign.record import Test
 from frenetic.campaign.store import CampaignStore
 from frenetic.conditions.condition import as_text
 from frenetic.errors import CampaignError
-from frenetic.export.test_rows import CampaignSource, open_store
+from frenetic.export.table_rows import CampaignSource, open_store
 from frenetic.oracle.outcome import Outcome
 from frenetic.report.html.configuration import configuration_section, shell_path
 from frenetic.report.html.domain import domain_section
