@@ -106,7 +106,7 @@ def read_tests(
                     yield TableTest(name, test)
                     continue
                 failure: dict[str, Any] = {}
-                if test.outcome is Outcome.FAIL and test.setting is not None:
+                if test.outcome is Outcome.FAIL:
                     analysis = analysis or FailureAnalysis.of(store)
                     failure = analysis.values_of(test)
                 yield TableTest(name, test, {**common, **test.candidate.conditions}, failure)
