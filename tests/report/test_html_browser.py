@@ -8,6 +8,7 @@ import math
 import re
 import shlex
 import shutil
+from collections import Counter
 from collections.abc import Callable
 from itertools import pairwise
 from pathlib import Path
@@ -41,6 +42,7 @@ from frenetic.report.html import (
 )
 from frenetic.road import profile
 from frenetic.search import RandomSearch
+from frenetic.segments.causes import as_text
 from frenetic.simulators import EmbeddedSimulator
 
 pytest_plugins = ["browsing", "reported_campaign"]
@@ -595,7 +597,7 @@ def test_a_pair_of_the_domain_opens_in_the_map(show: Show, varied: Path) -> None
 
 def test_tests_can_be_sorted_and_searched(page: Page, searched: Path) -> None:
     with CampaignStore.open(searched) as store:
-        tests = {test.id: test for test in store.tests()}
+        tests = {test.id: test for test in store.tests(with_segments=True)}
     rows, ids = page.locator("#tests tbody tr"), page.locator("#tests tbody th")
     assert ids.all_text_contents() == [str(i) for i in sorted(tests)[:50]]
     page.get_by_role("button", name="MOOBD (m, at most 2.00)").click()
@@ -609,6 +611,16 @@ def test_tests_can_be_sorted_and_searched(page: Page, searched: Path) -> None:
     page.select_option("#tests-outcome", "FAIL")
     failures = sum(test.outcome is Outcome.FAIL for test in tests.values())
     expect(page.locator("#tests .found")).to_have_text(f"{failures} of {len(tests)}")
+    causes = Counter(
+        as_text(*test.stored_values.cause)
+        for test in tests.values()
+        if test.stored_values is not None and test.stored_values.cause is not None
+    )
+    (cause, number), *_ = causes.most_common()
+    page.select_option("#tests-cause", cause)
+    expect(page.locator("#tests .found")).to_have_text(f"{number} of {len(tests)}")
+    expect(rows.first).to_contain_text(cause)
+    page.select_option("#tests-cause", "")
     page.select_option("#tests-outcome", "")
     page.get_by_role("button", name=f"Show more of {len(tests)}").click()
     expect(rows).to_have_count(len(tests))

@@ -11,6 +11,7 @@ from frenetic.analysis.explained import explained_causes
 from frenetic.campaign.record import Test
 from frenetic.campaign.store import CampaignStore
 from frenetic.errors import Fault
+from frenetic.oracle.outcome import Outcome
 from frenetic.rerun.minimised_roads import minimised_drives, minimised_tests
 from frenetic.segments.causes import Cause, as_text
 
@@ -42,38 +43,51 @@ class FailureAnalysis:
         return cls(
             {i: number for number, cluster in enumerate(clusters, 1) for i in cluster.ids},
             {
-                _without_side(cause.group.clusters[0].cause) or cause.group.fault: cause.certainty
+                without_side(cause.group.clusters[0].cause or cause.group.fault): cause.certainty
                 for cause in explained_causes(store, clusters)
                 if cause.certainty is not None
             },
             {test_id: test.road.length for test_id, test in minimised.items()},
         )
 
+    def certainty_of(self, cause: Cause | Fault | None) -> str | None:
+        """Return how sure a cause is, whatever the side of its bends; None if it was not tried."""
+        return self.certainties.get(without_side(cause))
+
     def values_of(self, test: Test) -> dict[str, Any]:
         """Return the values of a failed test in its `FAILURE_COLUMNS`, without missing ones.
 
         The test was read with the values of its segment.
         """
-        values, fault = test.stored_values or test.measure(), test.result.fault
-        cause = None if values is None else values.cause
-        key = _without_side(cause) or fault
+        cause = cause_of_test(test)
         row = {
-            "cause": cause_text(cause, fault),
-            "cause_side": None if cause is None else cause.bend_side,
-            "cause_certainty": self.certainties.get(key),
+            "cause": cause_text(without_side(cause)),
+            "cause_side": cause.bend_side if isinstance(cause, Cause) else None,
+            "cause_certainty": self.certainty_of(cause),
             "distinct_failure": self.numbers.get(test.id),
             "minimised_length": self.minimised_lengths.get(test.id),
         }
         return {name: value for name, value in row.items() if value is not None}
 
 
-def cause_text(cause: Cause | None, fault: Fault | None) -> str | None:
-    """Return the cause of a failure in words, without the side of bends; None if it is unknown."""
-    if cause is not None:
-        return as_text(cause.kind, None, cause.criterion)
-    return None if fault is None else str(fault)
+def cause_of_test(test: Test) -> Cause | Fault | None:
+    """Return what the driver did wrong in a test that failed, or the fault that ended the drive.
+
+    None if the test did not fail, or was read without the values of its segment.
+    """
+    if test.outcome is not Outcome.FAIL:
+        return None
+    values = test.stored_values or test.measure()
+    return test.result.fault if values is None or values.cause is None else values.cause
 
 
-def _without_side(cause: Cause | None) -> Cause | None:
+def cause_text(cause: Cause | Fault | None) -> str | None:
+    """Return the cause of a failure in words; None without a cause."""
+    if isinstance(cause, Cause):
+        return as_text(*cause)
+    return None if cause is None else str(cause)
+
+
+def without_side(cause: Cause | Fault | None) -> Cause | Fault | None:
     """Return a cause without the side of its bends."""
-    return None if cause is None else cause._replace(bend_side=None)
+    return cause._replace(bend_side=None) if isinstance(cause, Cause) else cause

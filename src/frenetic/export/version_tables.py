@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 from frenetic.campaign.record import Test
 from frenetic.export.column import CATEGORY, TableColumn
-from frenetic.export.failure_values import cause_text
+from frenetic.export.failure_values import cause_of_test, cause_text, without_side
 from frenetic.export.tables import frame_of_rows, require_extra
 from frenetic.oracle.outcome import Outcome
 from frenetic.rerun.back_to_back import BackToBack
@@ -85,12 +85,9 @@ def _rows(result: BackToBack) -> Iterator[dict[str, Any]]:
 
 def _values_of(test: Test, version: str) -> dict[str, Any]:
     """Return the values of a version's drive."""
-    values = test.stored_values or test.measure()
-    cause = None if values is None else values.cause
-    has_failed = test.outcome is Outcome.FAIL
     return {
         f"{version}_outcome": str(test.outcome),
-        f"{version}_cause": cause_text(cause, test.result.fault) if has_failed else None,
+        f"{version}_cause": cause_text(without_side(cause_of_test(test))),
         f"{version}_moobd": test.moobd,
         f"{version}_duration": test.result.duration,
     }

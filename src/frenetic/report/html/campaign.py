@@ -22,6 +22,7 @@ from frenetic.campaign.record import Test
 from frenetic.campaign.store import CampaignStore
 from frenetic.conditions.condition import as_text
 from frenetic.errors import CampaignError
+from frenetic.export.failure_values import FailureAnalysis
 from frenetic.export.table_rows import CampaignSource, open_store
 from frenetic.oracle.outcome import Outcome
 from frenetic.report.html.configuration import configuration_section, shell_path
@@ -36,6 +37,7 @@ from frenetic.report.html.tests import (
     COLUMNS,
     Film,
     TestSummary,
+    condition_titles,
     drive_data,
     files_of,
     table_of,
@@ -141,6 +143,7 @@ def campaign_report(
     mapped = {i: reading.mapped[i] for i in order}
     cells = {axis: [axis.find(candidate) for _, candidate in mapped.values()] for axis in axes}
     title = title_of(clusters, counts)
+    table = table_of(tests, FailureAnalysis.of(store, clusters))
     return Report(
         title=title,
         sections=(
@@ -158,7 +161,8 @@ def campaign_report(
             "campaign": shell_path(store.folder),
             "is_named": isinstance(config.get(SPEC), Mapping),
             "lane_width": store.setting.lane_width,
-            "tests": table_of(tests),
+            "tests": table,
+            "conditions": condition_titles(table),
             "resolutions": COLUMNS,
             "drives": drives,
         },

@@ -47,9 +47,11 @@ class Reading:
             CampaignError: the campaign is damaged.
         """
         finished_at = finished_at_of(store.facts)  # before the tests: a resumed campaign ends again
-        rows = store.rows(
-            "SELECT id, outcome, moobd FROM test WHERE result_number IS NOT NULL"
-            " ORDER BY result_number"
+        rows = list(
+            store.rows(
+                "SELECT id, outcome, moobd FROM test WHERE result_number IS NOT NULL"
+                " ORDER BY result_number"
+            )
         )
         counts, repeats = store.counts(), store.repeats()
         first_tests = [
@@ -57,6 +59,7 @@ class Reading:
             for id, outcome, moobd in rows  # noqa: A001
             if id not in repeats
         ]
+        all_failed = {int(id) for id, outcome, _ in rows if outcome == Outcome.FAIL}  # noqa: A001
         failed = [row for row in first_tests if row[1] == Outcome.FAIL]
         failed.sort(
             key=lambda row: math.inf if row[2] is None else row[2]
@@ -67,7 +70,7 @@ class Reading:
         tests = []
         failures: list[Failure] = []
         mapped, severe = {}, []
-        for record in store.tests(with_segments=to_map | to_compare):
+        for record in store.tests(with_segments=to_map | all_failed):
             if record.result_number > counts.result_count:
                 break  # a result that came after the counts
             tests.append(TestSummary.of(record, is_repeat=record.id in repeats))

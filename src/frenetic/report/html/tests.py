@@ -12,7 +12,11 @@ from frenetic._support.arrays import FloatArray
 from frenetic.analysis.failures import Failure, describe, describe_drive
 from frenetic.campaign.record import Test, file_stem
 from frenetic.campaign.store import CampaignStore
+from frenetic.conditions.condition import SEED
 from frenetic.criteria.criterion import DRIVER, LANE
+from frenetic.errors import Fault
+from frenetic.export.column import CONDITION, TableColumn, condition_column
+from frenetic.export.failure_values import FailureAnalysis, cause_of_test, cause_text
 from frenetic.oracle.drive import Trajectory
 from frenetic.oracle.drive_assessment import Assessment
 from frenetic.oracle.outcome import Outcome
@@ -25,6 +29,7 @@ from frenetic.road import Road, profile
 from frenetic.search.operator_names import OPERATOR_DESCRIPTIONS
 from frenetic.search.records import Origin
 from frenetic.search.road_families import FAMILIES
+from frenetic.segments.causes import Cause
 from frenetic.segments.evidence import evidence_of_result
 from frenetic.segments.passing import PassingDrives
 from frenetic.segments.segment import Segment
@@ -75,6 +80,8 @@ class TestSummary:
     """Simulated time of the drive, in s; None if nothing was driven."""
     is_repeat: bool = False
     """Whether the test repeats an earlier one: no measure counts it."""
+    cause: Cause | Fault | None = None
+    """What the driver did wrong; None without a failure, or if it was not read."""
 
     @classmethod
     def of(cls, record: Test, *, is_repeat: bool = False) -> TestSummary:
@@ -92,13 +99,22 @@ class TestSummary:
             length=candidate.step * (len(candidate.curvatures) - 1),
             duration=record.result.duration if record.outcome.is_driven else None,
             is_repeat=is_repeat,
+            cause=cause_of_test(record),
         )
 
 
-def table_of(tests: Iterable[TestSummary]) -> dict[str, list[Any]]:
-    """Return the table of tests: name of a column -> values, one per test."""
+def table_of(tests: Iterable[TestSummary], analysis: FailureAnalysis) -> dict[str, list[Any]]:
+    """Return the table of tests: name of a column -> values, one per test.
+
+    Columns about failures and conditions in which no test has a value are left out.
+
+    Args:
+        tests: the tests.
+        analysis: analysis of the campaign's failures.
+    """
     rows = list(tests)
-    return {
+    names = dict.fromkeys(name for test in rows for name in test.conditions if name != SEED)
+    always: dict[str, list[Any]] = {
         "id": [test.id for test in rows],
         "outcome": [test.outcome for test in rows],
         "moobd": [_rounded(test.moobd, 2) for test in rows],
@@ -107,6 +123,38 @@ def table_of(tests: Iterable[TestSummary]) -> dict[str, list[Any]]:
         "length": [round(test.length) for test in rows],
         "duration": [_rounded(test.duration, 1) for test in rows],
     }
+    optional: dict[str, list[Any]] = {
+        "cause": [cause_text(test.cause) for test in rows],
+        "certainty": [analysis.certainty_of(test.cause) for test in rows],
+        "distinct": [analysis.numbers.get(test.id) for test in rows],
+        "minimised": [_rounded(analysis.minimised_lengths.get(test.id), 0) for test in rows],
+        **{f"{CONDITION}{name}": [test.conditions.get(name) for test in rows] for name in names},
+    }
+    present = {
+        name: values
+        for name, values in optional.items()
+        if any(value is not None for value in values)
+    }
+    return {**always, **present}
+
+
+def condition_titles(table: Iterable[str]) -> list[dict[str, str]]:
+    """Return name and title of each column of a condition in the table of tests.
+
+    Args:
+        table: names of the table's columns.
+    """
+    names = [name.removeprefix(CONDITION) for name in table if name.startswith(CONDITION)]
+    return [
+        {"column": f"{CONDITION}{name}", "title": _condition_title(condition_column(name))}
+        for name in names
+    ]
+
+
+def _condition_title(column: TableColumn) -> str:
+    """Return the title of a condition's column, such as ``gust at (m)``."""
+    words = column.name.removeprefix(CONDITION).replace("_", " ")
+    return f"{words} ({column.unit})" if column.unit else words
 
 
 @dataclass(frozen=True)

@@ -3,7 +3,6 @@
 const PAGE = window.innerWidth < 560 ? 8 : 24; // clusters that are shown at first
 const repeats = new Map(); // test -> how it was driven again
 const elsewhere = new Map(); // test -> how it was driven in other simulators
-const causes = new Map(); // test -> what the driver did wrong
 
 /** A button with a picture that opens a test. */
 function card(id, order, { caption = "", small = false } = {}) {
@@ -52,7 +51,6 @@ function drawGallery(element, block) {
   const openable = block.clusters.filter((cluster) => cluster.shown.length);
   for (const one of block.repeats) repeats.set(one.test, one);
   for (const one of block.elsewhere) elsewhere.set(one.test, [...(elsewhere.get(one.test) ?? []), one]);
-  for (const cluster of openable) if (cluster.cause) for (const id of cluster.shown) causes.set(id, cluster.cause);
 
   const show = () => {
     const isFiltered = fields.some((field) => field.value !== "");

@@ -454,7 +454,8 @@ function factsOf(drive) {
     ["Origin", drives.get(drive.id).origin],
   ];
   if (drive.mistake !== null) facts.unshift(["First mistake", drive.mistake.text]);
-  if (causes.has(drive.id)) facts.unshift(["Cause", causes.get(drive.id)]);
+  const cause = tests.get(drive.id)?.cause;
+  if (cause) facts.unshift(["Cause", cause]);
   const again = repeats.get(drive.id);
   if (again !== undefined) facts.push([`Driven again: ${again.stability}`, again.text]);
   for (const { where, text } of elsewhere.get(drive.id) ?? []) facts.push([`In ${where}`, text]);
