@@ -6,8 +6,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Self
 
+from frenetic.analysis.cause_trials import tried_failures
 from frenetic.analysis.clusters import Clusters, distinct_failures
-from frenetic.analysis.explained import explained_causes
 from frenetic.campaign.record import Test
 from frenetic.campaign.store import CampaignStore
 from frenetic.errors import Fault
@@ -40,12 +40,15 @@ class FailureAnalysis:
         """
         clusters = distinct_failures(store) if clusters is None else clusters
         minimised = minimised_drives(store, minimised_tests(store.folder))
+        tried = tried_failures(store.facts)
         return cls(
             {i: number for number, cluster in enumerate(clusters, 1) for i in cluster.ids},
             {
-                without_side(cause.group.clusters[0].cause or cause.group.fault): cause.certainty
-                for cause in explained_causes(store, clusters)
-                if cause.certainty is not None
+                without_side(group.clusters[0].cause or group.fault): str(
+                    tried[group.example].certainty(group.failures / clusters.failures)
+                )
+                for group in clusters.causes
+                if group.example in tried
             },
             {test_id: test.road.length for test_id, test in minimised.items()},
         )
