@@ -252,6 +252,21 @@ def test_a_single_outcome_equals_a_list_of_this_outcome(campaign: Path, outcome:
     assert data_frame(campaign, outcomes=outcome).equals(data_frame(campaign, outcomes=["FAIL"]))
 
 
+def test_tests_can_be_chosen_by_their_ids(campaign: Path) -> None:
+    whole = data_frame(campaign)
+    chosen = whole.iloc[[7, 3]]
+    for ids in (chosen["id"], chosen["id"].tolist()):
+        frame = data_frame(campaign, tests=ids)
+        pd.testing.assert_frame_equal(frame, chosen.reset_index(drop=True))
+    records = data_frame(campaign, "trajectories", tests=chosen["id"].iloc[0])
+    everything = data_frame(campaign, "trajectories")
+    expected_records = everything[everything["id"] == chosen["id"].iloc[0]]
+    pd.testing.assert_frame_equal(records, expected_records.reset_index(drop=True))
+    assert len(data_frame(campaign, tests=[])) == 0
+    with pytest.raises(CampaignError, match="999"):
+        data_frame(campaign, tests=999)
+
+
 @pytest.mark.parametrize("outcomes", ["FAILED", ["FAILED"], 5, None])
 def test_an_error_about_an_unknown_outcome_lists_the_known_outcomes(
     campaign: Path, outcomes: Any

@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import asdict
+from operator import index
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, TypeAlias
+from typing import TYPE_CHECKING, Any, Literal, SupportsIndex, TypeAlias
 
 import numpy as np
 
@@ -43,7 +44,7 @@ def data_frame(
     table: Table = "tests",
     *,
     outcomes: Outcome | str | Iterable[Outcome | str] = (),
-    tests: int | Iterable[int] | None = None,
+    tests: SupportsIndex | Iterable[SupportsIndex] | None = None,
 ) -> pd.DataFrame:
     """Return tests, trajectories, measures or curves of campaigns as a pandas data frame.
 
@@ -81,7 +82,7 @@ def data_frame(
     if table not in TABLES:
         raise ValueError(f"table is {table!r}: one of {', '.join(TABLES)} is needed")
     wanted = chosen_outcomes(outcomes)
-    ids = None if tests is None else [tests] if isinstance(tests, int) else list(tests)
+    ids = None if tests is None else _ids_of(tests)
     if (outcomes or ids is not None) and table in ("measures", "curves"):
         raise ValueError(f"the table {table} is of all tests: leave out outcomes and tests")
     require_extra("a data frame")
@@ -97,6 +98,11 @@ def data_frame(
         frame.attrs["cars"] = cars_of(campaigns)
     frame = frame if are_named else without_campaign(frame)
     return with_descriptions(frame, [column_of(table, str(name)) for name in frame])
+
+
+def _ids_of(tests: SupportsIndex | Iterable[SupportsIndex]) -> list[int]:
+    """Return ids, such as numbers of a frame, as numbers of Python."""
+    return [*map(index, tests)] if isinstance(tests, Iterable) else [index(tests)]
 
 
 def with_descriptions(frame: pd.DataFrame, columns: Iterable[TableColumn]) -> pd.DataFrame:
