@@ -264,6 +264,18 @@ def test_a_window_between_two_records_is_interpolated() -> None:
     ]  # fmt: skip
 
 
+def test_spread_in_a_window_is_that_of_its_values_and_missing_if_one_is_missing() -> None:
+    rng = np.random.default_rng(1)
+    for _ in range(50):
+        time = np.sort(20.0 * rng.random(rng.integers(1, 200)))
+        values = rng.normal(size=len(time))
+        values[rng.random(len(time)) < 0.01] = np.nan
+        window = 10.0 * rng.random()
+        windows = [values[(time >= end - window) & (time <= end)] for end in time]
+        expected = [np.ptp(inside) for inside in windows]
+        np.testing.assert_array_equal(spread(time, values, window), expected)
+
+
 # Sets of criteria
 
 

@@ -6,6 +6,7 @@ import csv
 import json
 import shutil
 import sqlite3
+from collections.abc import Sequence
 from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
@@ -15,14 +16,22 @@ import numpy as np
 import pytest
 
 import frenetic
+from frenetic._support.arrays import FloatArray
 from frenetic.analysis.clusters import distinct_failures
 from frenetic.analysis.explained import explained_causes
 from frenetic.campaign import Budget, Campaign, CampaignStore, Test
 from frenetic.campaign.database import DATABASE
 from frenetic.criteria.criterion import CriteriaSet, Signal, signal_named
 from frenetic.drivers import Planner
-from frenetic.export import TRACE_COLUMNS, export_campaign, failure_values, trace_of_test
+from frenetic.export import (
+    TRACE_COLUMNS,
+    export_campaign,
+    failure_values,
+    record_columns,
+    trace_of_test,
+)
 from frenetic.export.metadata import DESCRIPTION
+from frenetic.export.trace_columns import TracedDrive, derived_values
 from frenetic.oracle.drive import Trajectory
 from frenetic.oracle.outcome import Outcome
 from frenetic.rerun.minimised_roads import minimised_drives, minimised_tests
@@ -208,6 +217,23 @@ def test_trajectories_have_all_signals_of_a_trace(searched: Path, tmp_path: Path
             )
             after = values[len(trace) :, len(Trajectory.names()) :]
             assert np.isnan(after).all()
+
+
+def test_values_that_are_too_large_to_be_exact_are_missing(
+    searched: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def with_large_values(traced: TracedDrive, signals: Sequence[str]) -> FloatArray:
+        values = derived_values(traced, signals)
+        values[0], values[1] = 1e300, -1e12
+        return values
+
+    monkeypatch.setattr(record_columns, "derived_values", with_large_values)
+    with CampaignStore.open(searched) as store:
+        test = next(store.tests(Outcome.FAIL, with_trajectory=True))
+    values = record_columns.record_values(test, ())
+    assert np.isnan(values[0]).all()
+    assert np.isnan(values[1]).all()
+    assert not np.isnan(values[2]).all()
 
 
 def test_signals_of_other_packages_have_columns(

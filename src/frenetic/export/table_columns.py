@@ -77,7 +77,7 @@ FAILURE_COLUMNS: Final = (
     ),
     TableColumn(
         "distinct_failure",
-        "number of the distinct failure, from 1, as frenetic show lists them",
+        "number of the distinct failure in its campaign, from 1, as frenetic show lists them",
         dtype=INTEGER,
     ),
     TableColumn("minimised_length", "length of the road that was minimised", "m"),
