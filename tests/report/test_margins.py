@@ -7,35 +7,11 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from made_up_margins import margins
 from PIL import Image
 
 from frenetic.errors import FreneticError
 from frenetic.report.margins import draw_margins
-from frenetic.rerun.margin_quantities import MarginQuantity
-from frenetic.rerun.margin_results import ConditionMargin, Margins, RoadLimit
-
-DELAY = MarginQuantity("delay", 0.0, 1.0, 0.0)
-FRICTION = MarginQuantity("friction", 1.0, 0.01, 1.0)
-
-
-def limits(quantity: MarginQuantity, *shares: float) -> tuple[RoadLimit, ...]:
-    """Return the limits of roads at shares of a quantity's range; above 1 there is none."""
-    return tuple(
-        RoadLimit(i, share, quantity.amount(share), None, None, i)
-        if share <= 1.0
-        else RoadLimit(i, float("inf"), None, None, None, None)
-        for i, share in enumerate(shares, 1)
-    )
-
-
-def margins() -> Margins:
-    part = {"class": "a:B"}
-    measured = (
-        ConditionMargin(DELAY, limits(DELAY, *[0.3] * 80), limits(DELAY, 0.2, 0.9)),
-        ConditionMargin(FRICTION, limits(FRICTION, *[2.0] * 80), limits(FRICTION, 2.0, 2.0)),
-        ConditionMargin(DELAY, limits(DELAY, *[0.0] * 80), limits(DELAY, 0.0, 2.0)),
-    )
-    return Margins(measured, "rural <80> $x$", part, part, seed=0, drives=9, folder=Path("c"))
 
 
 def texts_of(path: Path) -> list[str]:

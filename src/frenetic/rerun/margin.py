@@ -24,6 +24,7 @@ from frenetic.criteria.criterion import COMPETITION
 from frenetic.errors import FreneticError
 from frenetic.oracle.outcome import Outcome
 from frenetic.rerun.campaigns import DrivingOptions, DrivingPlan, drive_missing, driving_campaign
+from frenetic.rerun.margin_files import write_margins
 from frenetic.rerun.margin_quantities import RADIUS, MarginQuantity, measured_quantities
 from frenetic.rerun.margin_results import Margins, margins_of
 from frenetic.rerun.margin_search import (
@@ -56,8 +57,9 @@ def measure_margins(
 ) -> Margins:
     """Measure at which amounts of conditions a driver begins to fail.
 
-    The drives are a campaign. The same call continues an interrupted one and reads a complete one,
-    if it has the same ``campaign`` or ``out``; without both, each call makes a new folder.
+    The drives are a campaign, whose folder keeps the margins, too, for reports. The same call
+    continues an interrupted one and reads a complete one, if it has the same ``campaign`` or
+    ``out``; without both, each call makes a new folder.
 
     Args:
         tester: drives on its terms; its simulator is not yet entered.
@@ -70,7 +72,8 @@ def measure_margins(
 
     Raises:
         KeyboardInterrupt: Ctrl-C came before the last drive.
-        FreneticError: the simulator broke, or simulator or driver cannot have a condition.
+        FreneticError: the simulator broke, simulator or driver cannot have a condition, or the
+            margins cannot be written.
         CampaignError: see `frenetic.rerun.campaigns.driving_campaign`.
         ValueError: a number is out of range, no random road is valid, or nothing is measured.
     """
@@ -111,7 +114,9 @@ def measure_margins(
     )
     driving = driving_campaign(campaign, plan, tester, options)
     _drive(driving, options)
-    return _result(driving, search, plan, tester, domain_text)
+    margins = _result(driving, search, plan, tester, domain_text)
+    write_margins(margins)
+    return margins
 
 
 def _drive(driving: Campaign, options: DrivingOptions) -> None:

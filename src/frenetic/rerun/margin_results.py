@@ -260,6 +260,27 @@ class Margins:
         roads = counted(self.roads, "random road")
         return f"Where the driver begins to fail on {100.0 * SHARE:g} % of {roads} of {self.domain}"
 
+    @property
+    def columns(self) -> tuple[str, ...]:
+        """Titles of the columns of `rows`; a title that begins with > is of numbers."""
+        columns = ("quantity", ">usual", ">begins to fail", ">95 % interval", ">never fails")
+        return (*columns, f">{self.demanding} most demanding") if self.demanding else columns
+
+    @property
+    def rows(self) -> list[tuple[str, ...]]:
+        """Texts of a row for each quantity; an empty text stands for no value."""
+        return [
+            (
+                margin.quantity.words,
+                margin.quantity.text(margin.quantity.usual),
+                margin.amount_text(),
+                margin.interval_text(),
+                f"{margin.never.count} of {margin.never.total}",
+                *([margin.least_text()] if self.demanding else []),
+            )
+            for margin in self.margins
+        ]
+
     def as_text(self) -> str:
         """Return the margins in words, a line for each quantity and note."""
         lines = [margin.as_text() for margin in self.margins] + self.notes
