@@ -30,6 +30,7 @@ from frenetic.campaign.warm_start import still_failing
 from frenetic.conditions.condition import as_text
 from frenetic.parts.records import innermost, short_version
 from frenetic.report.html.page import DataBlock, Tile, percent
+from frenetic.rerun.campaigns import purpose_of
 from frenetic.rerun.estimate import FailureRate
 from frenetic.spec.part_text import recorded_part
 
@@ -67,21 +68,30 @@ def headline(
         counts: counts of the tests.
         trouble: a further warning for the reader; empty without one.
     """
-    strategy = recorded_part(store.config, "strategy")
-    driver = recorded_part(store.config, "driver")
-    simulator = recorded_part(store.config, "simulator")
-    seed = store.config.get("seed")
-    or_criterion = " or exceeds another criterion" if criteria_text(store) else ""
     warnings = [f"{capitalised(warning)}." for warning in _warnings(store)]
     return DataBlock(
         "headline",
         {
-            "lead": f"{strategy} searched for roads on which {driver} leaves its lane{or_criterion}"
-            f" in {simulator}, seed {'unknown' if seed is None else seed}.",
+            "lead": _lead(store),
             "warning": " ".join([*warnings, trouble]),
             "tiles": list(_tiles(store, clusters, counts)),
             "facts": {label: text for label, text in _labelled_texts(store) if text},
         },
+    )
+
+
+def _lead(store: CampaignStore) -> str:
+    """Return what drove where, and what for."""
+    driver = recorded_part(store.config, "driver")
+    simulator = recorded_part(store.config, "simulator")
+    if purpose_of(store):
+        return f"{driver} was measured in {simulator}: these drives are no search."
+    strategy = recorded_part(store.config, "strategy")
+    seed = store.config.get("seed")
+    or_criterion = " or exceeds another criterion" if criteria_text(store) else ""
+    return (
+        f"{strategy} searched for roads on which {driver} leaves its lane{or_criterion}"
+        f" in {simulator}, seed {'unknown' if seed is None else seed}."
     )
 
 
