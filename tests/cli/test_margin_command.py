@@ -37,6 +37,11 @@ def test_a_margin_is_printed_drawn_and_written(frenetic: Frenetic, tmp_path: Pat
         "more steering offset to the left",
     ]
     assert "m.png" in answer.out
+    assert answer.out.splitlines()[-1] == "Kept in m; to see it: frenetic report m"
+    assert frenetic("report", "m").code == 0
+    report = Path("m/report.html").read_text(encoding="utf-8")
+    assert f"<title>{first}</title>" in report, "the study comes first in its own report"
+    assert "planner was measured in embedded: these drives are no search" in report
     with Image.open("m.png") as picture:
         assert picture.width > 1000
     cases = [case.get("name") for case in ET.parse("m.xml").iter("testcase")]
@@ -84,7 +89,14 @@ def test_a_campaign_has_its_most_demanding_roads_beside_the_random_ones(
     assert margin["most_demanding"] == min(
         limit["fails"] for limit in margin["demanding_roads"] if limit["fails"] is not None
     )
-    assert frenetic("report", "c").code == 0, "reports read the folder of the drives"
+    folder = document["folder"]
+    assert answer.out.splitlines()[-1] == f"Kept in {folder}; to see it: frenetic report c"
+    assert frenetic("report", "c").code == 0
+    report = Path("c/report.html").read_text(encoding="utf-8")
+    assert "3 random roads of urban-50, 50 km/h, seed 0, and the 3 roads that the" in report
+    assert f"drives are in {folder};" in report
+    elsewhere = frenetic(*words, "--out", "elsewhere").out.splitlines()[-1]
+    assert elsewhere == "Kept in elsewhere; to see it: frenetic report elsewhere"
     assert frenetic("rerun", "c", "--top", "1").code == 0
 
 

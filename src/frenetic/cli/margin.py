@@ -98,6 +98,7 @@ def margin(
     where it came nearest to failing; without one --out DIR is needed. The same command continues
     after Ctrl-C, and prints margins that are measured.
     """
+    from frenetic.cli.rerun_options import kept_text
     from frenetic.rerun.margin_quantities import measured_quantities
 
     options = CommandOptions.of(context)
@@ -116,7 +117,9 @@ def margin(
         )
     _write_files(margins, at_least, plot, junit)
     shortfalls = margins.shortfalls(at_least)
-    where_to_see = f"Kept in {margins.folder}; the same command shows it"
+    # A campaign's report shows only studies in the campaign's own folder.
+    reported = campaign if campaign is not None and out is None else margins.folder
+    where_to_see = kept_text(margins.folder, reported, is_reported=True)
     if as_json:
         echo(json.dumps({**margins.as_json(), "shortfalls": shortfalls}))
         log.print(where_to_see, markup=False)
@@ -214,21 +217,6 @@ def _write_files(
 def _print(margins: Margins) -> None:
     """Print a row for each quantity, and notes."""
     echo(margins.headline)
-    has_demanding = margins.demanding > 0
-    headings = ["quantity", ">usual", ">begins to fail", ">95 % interval", ">never fails"]
-    if has_demanding:
-        headings.append(f">{margins.demanding} most demanding")
-    rows = [
-        (
-            margin.quantity.words,
-            margin.quantity.text(margin.quantity.usual),
-            margin.amount_text(),
-            margin.interval_text() or None,
-            f"{margin.never.count} of {margin.never.total}",
-            *([margin.least_text()] if has_demanding else []),
-        )
-        for margin in margins.margins
-    ]
-    print_table(headings, rows)
+    print_table(margins.columns, [tuple(text or None for text in row) for row in margins.rows])
     for note in margins.notes:
         echo(f"Note: {note}")

@@ -197,7 +197,7 @@ def kept_text(driven: Path | None, campaign: Path, *, is_reported: bool) -> str:
 
     Args:
         driven: folder of the drives.
-        campaign: folder of the campaign whose roads were driven.
+        campaign: folder of the campaign whose report may show the drives.
         is_reported: whether the campaign's report shows the drives.
     """
     see = f"to see it: frenetic report {shell(campaign)}"

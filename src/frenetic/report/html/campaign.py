@@ -30,6 +30,7 @@ from frenetic.report.html.domain import domain_section
 from frenetic.report.html.feature_map import map_section
 from frenetic.report.html.gallery import gallery_section
 from frenetic.report.html.headline import headline, title_of
+from frenetic.report.html.margin import margin_section
 from frenetic.report.html.page import DataBlock, Report, Section, write_page
 from frenetic.report.html.reading import Reading, finished_at_of
 from frenetic.report.html.sweep import sweep_section
@@ -43,7 +44,9 @@ from frenetic.report.html.tests import (
     table_of,
 )
 from frenetic.report.html.timeline import timeline_section
-from frenetic.rerun.reruns import in_other_simulators, read_reruns
+from frenetic.rerun.margin_files import campaign_margins
+from frenetic.rerun.margin_results import Margins
+from frenetic.rerun.reruns import Rerun, in_other_simulators, read_reruns
 
 FILMS: Final = "frenetic.films"
 """Group of entry points for functions that add films to drives.
@@ -126,10 +129,7 @@ def campaign_report(
     reading = Reading.of(store) if reading is None else reading
     tests, counts, clusters = reading.tests, reading.counts, reading.clusters
     shown_clusters, config = reading.misses or clusters, store.config  # misses if nothing failed
-    try:
-        reruns, trouble = read_reruns(store.folder), ""
-    except CampaignError as error:
-        reruns, trouble = [], str(error)
+    (reruns, studies), trouble = _studies(store.folder)
     elsewhere_reruns = in_other_simulators(reruns, config)
     rerun_ids = [test.id for rerun in elsewhere_reruns for test in rerun.tests]
     shown = _tests_to_show(tests, shown_clusters, rerun_ids)
@@ -144,14 +144,19 @@ def campaign_report(
     cells = {axis: [axis.find(candidate) for _, candidate in mapped.values()] for axis in axes}
     title = title_of(clusters, counts)
     table = table_of(tests, FailureAnalysis.of(store, clusters))
+    margin_sections = [margin_section(studies, config)] if studies else []
+    if is_study := any(margins.folder == store.folder for margins in studies):
+        title = studies[0].headline
     return Report(
         title=title,
         sections=(
             Section("summary", title, (headline(store, clusters, counts, trouble),)),
+            *(margin_sections if is_study else []),
             gallery_section(store, shown_clusters, tests, drives, counts, reruns),
             timeline_section(tests, clusters),
             *([] if coverage is None else [domain_section(coverage)]),
             *([] if swept is None else [sweep_section(swept, store.setting.lane_width)]),
+            *([] if is_study else margin_sections),
             map_section({i: features for i, (features, _) in mapped.items()}, tests, cells),
             Section("tests", "All tests", (DataBlock("tests", {}),)),
             configuration_section(store.folder, config, store.facts),
@@ -168,6 +173,14 @@ def campaign_report(
         },
         finished_at=reading.finished_at,
     )
+
+
+def _studies(folder: Path) -> tuple[tuple[Sequence[Rerun], Sequence[Margins]], str]:
+    """Return reruns and margins of a campaign, and a warning, which is empty if all are read."""
+    try:
+        return (read_reruns(folder), campaign_margins(folder)), ""
+    except CampaignError as error:
+        return ([], []), str(error)
 
 
 def _drives(store: CampaignStore, shown: Sequence[int]) -> list[dict[str, Any]]:
