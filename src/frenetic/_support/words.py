@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Sequence
 from datetime import UTC, datetime
 from typing import Final
 
@@ -16,6 +17,18 @@ def counted(number: int, noun: str, plural: str | None = None) -> str:
 def capitalised(text: str) -> str:
     """Return a text with a capital first letter and its other letters unchanged."""
     return text[:1].upper() + text[1:]
+
+
+def in_short(names: Sequence[str], most: int = 3) -> str:
+    """Return names joined by commas and "and"; of many names, the first and the number of others.
+
+    Args:
+        names: one or more names.
+        most: largest number of items in the list.
+    """
+    if len(names) > most:
+        names = [*names[: most - 1], f"{len(names) - most + 1} others"]
+    return " and ".join(filter(None, [", ".join(names[:-1]), names[-1]]))
 
 
 def present_moment() -> str:

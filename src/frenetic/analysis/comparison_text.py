@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from typing import Final
 
-from frenetic._support.words import counted
+from frenetic._support.words import counted, in_short
 from frenetic.analysis.comparison import Comparison, MeasureComparison
 
 _FULLY_LISTED: Final = 4  # most groups of which a sentence gives all medians (our choice)
@@ -68,18 +68,6 @@ def pair_rows(measures: Iterable[MeasureComparison]) -> Iterator[tuple[str, str,
             a12 = 1.0 - pair.a12 if pair.better == pair.second else pair.a12
             title = "" if i else comparison.measure.title
             yield title, comparison.pair_text(pair), f"{a12:.2f}", effect, p
-
-
-def in_short(names: Sequence[str], most: int = 3) -> str:
-    """Return names joined by commas and "and"; of many names, the first and the number of others.
-
-    Args:
-        names: one or more names.
-        most: largest number of items in the list.
-    """
-    if len(names) > most:
-        names = [*names[: most - 1], f"{len(names) - most + 1} others"]
-    return " and ".join(filter(None, [", ".join(names[:-1]), names[-1]]))
 
 
 def p_text(value: float) -> str:

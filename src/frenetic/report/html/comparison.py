@@ -13,10 +13,10 @@ import numpy as np
 from matplotlib.ticker import MaxNLocator
 
 from frenetic._support.arrays import FloatArray, IntArray, evenly
-from frenetic._support.words import capitalised
+from frenetic._support.words import capitalised, in_short
 from frenetic.analysis.campaign_measures import CampaignMeasures
 from frenetic.analysis.comparison import Comparison, MeasureComparison
-from frenetic.analysis.comparison_text import findings, in_short, pair_rows
+from frenetic.analysis.comparison_text import findings, pair_rows
 from frenetic.analysis.curves import CURVES, Curve
 from frenetic.analysis.measures import SHARED_TEXT
 from frenetic.analysis.statistics import LEAST_REPEATS, SIGNIFICANT
