@@ -12,7 +12,7 @@ from frenetic.export import quality_frame
 
 pytestmark = pytest.mark.heavy
 
-COMPARISON = QualityComparison([drives(), drives("noise 0.1 m", fails=3, rms_offset=0.2)])
+COMPARISON = QualityComparison.of([drives(), drives("noise 0.1 m", fails=3, rms_offset=0.2)])
 
 
 def test_differences_have_a_row_per_measure_and_conditions() -> None:

@@ -153,7 +153,7 @@ def test_other_noise_on_each_road_is_no_other_driver(
     )
     drives = paired_quality(paired_tests(first, second), "noise 0.1 m")
     assert len(drives.pairs) > 10
-    quality = QualityComparison([drives])
+    quality = QualityComparison.of([drives])
     offset = next(d for d in quality.differences if d.measure.name == "rms_offset")
     assert offset.difference.value != 0.0
     assert quality.verdict == "no difference shown"

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Final
+from typing import Final, Self
 
 from frenetic._support.json_value import JSONValue
+from frenetic._support.words import in_short
 from frenetic.analysis.quality import QUALITY, Axis, QualityMeasure
 from frenetic.analysis.quality_differences import (
     FAILING,
@@ -40,18 +41,33 @@ class QualityComparison:
 
     drives: Sequence[PairedQuality]
     """Drives in each kind of conditions, those in the campaign's conditions first."""
+    differences: Sequence[QualityDifference]
+    """Differences by each measure in each kind of conditions, with corrected p."""
 
-    @cached_property
-    def differences(self) -> tuple[QualityDifference, ...]:
-        """Differences by each measure in each kind of conditions, with corrected p."""
-        uncorrected = [
-            difference for drives in self.drives for difference in differences_of(drives)
-        ]
-        corrected = holm([difference.p for difference in uncorrected])
-        return tuple(
-            replace(difference, p_corrected=p)
-            for difference, p in zip(uncorrected, corrected, strict=True)
-        )
+    @classmethod
+    def of(cls, drives: Sequence[PairedQuality]) -> Self:
+        """Return the comparison of drives on roads of one class."""
+        return cls.by_class({"": drives})[""]
+
+    @classmethod
+    def by_class(cls, drives: Mapping[str, Sequence[PairedQuality]]) -> dict[str, Self]:
+        """Return road class -> comparison, with p corrected by Holm for all classes.
+
+        Args:
+            drives: road class in words -> drives in each kind of conditions.
+        """
+        uncorrected = {
+            name: [difference for paired in of_class for difference in differences_of(paired)]
+            for name, of_class in drives.items()
+        }
+        corrected = iter(holm([each.p for of_class in uncorrected.values() for each in of_class]))
+        return {
+            name: cls(
+                drives[name],
+                tuple(replace(each, p_corrected=next(corrected)) for each in of_class),
+            )
+            for name, of_class in uncorrected.items()
+        }
 
     @cached_property
     def shown(self) -> tuple[QualityDifference, ...]:
@@ -79,6 +95,17 @@ class QualityComparison:
                 groups[group] = difference
         return tuple(groups.values())[:MOST_PHRASES]
 
+    def most_telling(self, most: int) -> list[QualityDifference]:
+        """Return the first differences of `main`, and one against their verdict if it is `MIXED`.
+
+        Args:
+            most: number of the first differences.
+        """
+        first, others = self.main[:most], self.main[most:]
+        signs = {difference.better for difference in first}
+        against = [each for each in others if each.better and each.better not in signs]
+        return [*first, *(against[:1] if self.verdict == MIXED else [])]
+
     @property
     def verdict(self) -> str:
         """Verdict in words: `BETTER`, `WORSE`, `MIXED` or `NO_DIFFERENCE`.
@@ -88,10 +115,8 @@ class QualityComparison:
         """
         shown = [difference for difference in self.differences if difference.better]
         safety = [difference for difference in shown if difference.measure.group in _SAFETY]
-        signs = {difference.better for difference in safety or shown}
-        if len(signs) == 2:
-            return MIXED
-        return {1: BETTER, -1: WORSE}[signs.pop()] if signs else NO_DIFFERENCE
+        verdicts = {1: BETTER, -1: WORSE}
+        return common_verdict(verdicts[difference.better] for difference in safety or shown)
 
     @property
     def sentence(self) -> str:
@@ -132,6 +157,37 @@ class QualityComparison:
                 for drives, axis, measure, points in self.curves()
             ],
         }
+
+
+def common_verdict(verdicts: Iterable[str]) -> str:
+    """Return the verdict that follows from several, `MIXED` if they contradict each other."""
+    verdicts = {*verdicts} & {BETTER, WORSE, MIXED}
+    if len(verdicts) > 1:
+        return MIXED
+    return verdicts.pop() if verdicts else NO_DIFFERENCE
+
+
+def classes_sentence(classes: Mapping[str, QualityComparison]) -> str:
+    """Return in one sentence on which road classes versions differ, and in what.
+
+    The more classes, the fewer differences of each are named. If nothing differs, the sentence says
+    how much could differ unseen on any class.
+
+    Args:
+        classes: road class in words -> comparison, see `QualityComparison.by_class`.
+    """
+    most = max(1, MOST_PHRASES // len(classes))
+    phrases = {name: shown_text(quality.most_telling(most)) for name, quality in classes.items()}
+    texts = [f"on {name}, {text}" for name, text in phrases.items() if text]
+    alike = [name for name, quality in classes.items() if quality.differences and not phrases[name]]
+    if alike and texts:
+        texts.append(f"{NO_DIFFERENCE} on {in_short(alike, len(alike))}")
+    elif alike:
+        every = [difference for name in alike for difference in classes[name].differences]
+        texts.append(no_difference_text(every, in_short(alike, len(alike))))
+    if empty := [name for name, quality in classes.items() if not quality.differences]:
+        texts.append(no_difference_text((), in_short(empty, len(empty))))
+    return "; ".join(texts)
 
 
 def _weight(difference: QualityDifference) -> float:

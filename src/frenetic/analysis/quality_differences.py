@@ -81,7 +81,7 @@ class QualityDifference:
     p: float
     """p of the signed-rank test."""
     p_corrected: float = 1.0
-    """p, corrected by Holm for all measures in all conditions."""
+    """p, corrected by Holm for all measures in all conditions and on all road classes."""
 
     @property
     def is_shown(self) -> bool:

@@ -57,19 +57,21 @@ def _scale(difference: QualityDifference) -> tuple[float, str, int]:
     return 1.0, measure.unit, measure.decimals
 
 
-def no_difference_text(differences: Sequence[QualityDifference]) -> str:
+def no_difference_text(differences: Sequence[QualityDifference], classes: str = "") -> str:
     """Return that no difference is shown, and how large one could be unseen.
 
     Args:
         differences: differences in all kinds of conditions, none of which is shown.
+        classes: road classes on which none is shown, in words; empty for a single class.
     """
+    verdict = f"{NO_DIFFERENCE} on {classes}" if classes else NO_DIFFERENCE
     roads = max((difference.roads for difference in differences), default=0)
     if not roads:
-        return f"{NO_DIFFERENCE}: there is no road that both pass"
+        return f"{verdict}: there is no road that both pass"
     limits = [text for name in _MAIN if (text := _limit_text(QUALITY[name], differences))]
     if not limits:
-        return f"{NO_DIFFERENCE}: the roads that both pass are too few, {roads}"
-    return f"{NO_DIFFERENCE}: alike within {', '.join(limits)}"
+        return f"{verdict}: the roads that both pass are too few, {roads}"
+    return f"{verdict}: alike within {', '.join(limits)}"
 
 
 def _limit_text(measure: QualityMeasure, differences: Sequence[QualityDifference]) -> str:
