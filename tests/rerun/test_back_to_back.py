@@ -21,13 +21,12 @@ from frenetic.errors import CampaignError
 from frenetic.oracle.outcome import Outcome
 from frenetic.rerun.back_to_back import (
     BackToBack,
-    Pair,
-    PairedRoads,
     back_to_back,
     compare_versions,
 )
 from frenetic.rerun.disturbances import UNDISTURBED
 from frenetic.rerun.old_version import fresh_roads
+from frenetic.rerun.paired_roads import Pair, PairedRoads
 from frenetic.rerun.stability import Change
 from frenetic.search import Frenetic
 from frenetic.simulators import EmbeddedSimulator, Simulator

@@ -16,7 +16,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Final, NamedTuple, Unpack
+from typing import Final, Unpack
 
 from frenetic._support.json_value import JSONValue
 from frenetic._support.words import counted
@@ -24,8 +24,12 @@ from frenetic.analysis.failures import Failure
 from frenetic.analysis.quality_comparison import BETTER, WORSE, QualityComparison
 from frenetic.analysis.quality_differences import PairedQuality
 from frenetic.analysis.quality_text import NO_DIFFERENCE
-from frenetic.analysis.statistics import ValueWithInterval, median_estimate, paired_share_difference
-from frenetic.campaign.record import Test
+from frenetic.analysis.statistics import (
+    SIGNIFICANT,
+    ValueWithInterval,
+    median_estimate,
+    paired_share_difference,
+)
 from frenetic.campaign.store import CampaignStore
 from frenetic.campaign.tester import RoadTester
 from frenetic.conditions.condition import as_text as conditions_text
@@ -40,73 +44,21 @@ from frenetic.rerun.disturbances import (
     disturbed_conditions,
 )
 from frenetic.rerun.old_version import DEFAULT_FRESH_ROADS, FreshRoads, fresh_roads
+from frenetic.rerun.paired_roads import Pair, PairedRoads
 from frenetic.rerun.quality import paired_quality, paired_tests
 from frenetic.rerun.replay import DriveConditions
 from frenetic.rerun.rerun import drive_tests
 from frenetic.rerun.reruns import Rerun, read_rerun
-from frenetic.rerun.stability import Change
 from frenetic.segments.causes import as_text
 from frenetic.simulators.simulator import Simulator
 from frenetic.spec.part_text import part_text
 
 MIN_SLOWDOWN: Final = 0.01
 """Relative increase of the median time from which on a version counts as slower; our choice."""
-_CANNOT_TELL: Final = "cannot tell"
+CANNOT_TELL: Final = "cannot tell"
 """Verdict if no road was judged, or if the drives in which the simulator broke decide."""
 _HALVING_FACTOR: Final = 4
 """Factor on the number of roads that halves the interval, whose width goes with 1/sqrt(roads)."""
-
-
-class Pair(NamedTuple):
-    """Drives of both versions on one road."""
-
-    old: Test
-    """Drive of the old version."""
-    new: Test
-    """Drive of the new version."""
-
-    @property
-    def change(self) -> Change:
-        """Change of the outcome from the old version to the new one."""
-        if not (self.old.outcome.is_driven and self.new.outcome.is_driven):
-            return Change.NOT_JUDGED
-        return Change.of(*(test.outcome is Outcome.FAIL for test in self))
-
-
-@dataclass(frozen=True)
-class PairedRoads:
-    """Drives of both versions on several roads."""
-
-    folder: Path
-    """Folder of the campaign that holds the roads, and the old version's drives."""
-    pairs: tuple[Pair, ...]
-    """Drives on each road."""
-
-    @property
-    def judged(self) -> list[Pair]:
-        """Pairs whose two drives were both judged."""
-        return [pair for pair in self.pairs if pair.change is not Change.NOT_JUDGED]
-
-    @property
-    def changes(self) -> Counter[Change]:
-        """Number of roads with each change."""
-        return Counter(pair.change for pair in self.pairs)
-
-    @property
-    def failing(self) -> tuple[int, int]:
-        """Numbers of judged roads on which the old and the new version fail."""
-        old, new = (sum(pair[i].outcome is Outcome.FAIL for pair in self.judged) for i in range(2))
-        return old, new
-
-    def as_json(self) -> dict[str, JSONValue]:
-        """Return the counts as a JSON object."""
-        old, new = self.failing
-        return {
-            "campaign": str(self.folder),
-            "judged": len(self.judged),
-            "failing": {"old": old, "new": new},
-            "changes": {str(change): self.changes[change] for change in Change},
-        }
 
 
 @dataclass(frozen=True)
@@ -133,6 +85,14 @@ class BackToBack:
     """How well both drive where both pass; None if drives are missing."""
     on_own_roads: bool = False
     """Whether `quality` is on the roads of the campaign, in place of the fresh roads."""
+    classes: int = 1
+    """Number of road classes on which both versions are compared, for which p and intervals are
+    corrected."""
+
+    @property
+    def confidence(self) -> float:
+        """Confidence of the interval of `difference`, corrected by Bonferroni for all classes."""
+        return 1.0 - SIGNIFICANT / self.classes
 
     @cached_property
     def difference(self) -> ValueWithInterval | None:
@@ -140,7 +100,7 @@ class BackToBack:
 
         None if no fresh road was judged with both versions.
         """
-        return _failure_difference(self.fresh.judged)
+        return _failure_difference(self.fresh.judged, self.confidence)
 
     @cached_property
     def time_difference(self) -> ValueWithInterval | None:
@@ -169,31 +129,47 @@ class BackToBack:
             for pair in self.fresh.pairs
             if all(test.outcome.is_driven or test.outcome is Outcome.ERROR for test in pair)
         ]
-        differences = (self.difference, _failure_difference(with_errors))
+        differences = (self.difference, _failure_difference(with_errors, self.confidence))
         signs = {0 if difference is None else difference.sign for difference in differences}
         if len(signs) > 1 or self.difference is None:
-            return _CANNOT_TELL
+            return CANNOT_TELL
         return {-1: BETTER, 0: NO_DIFFERENCE, 1: WORSE}[signs.pop()]
 
     @property
     def answer(self) -> str:
         """Verdict with its numbers, in one line."""
-        difference, verdict = self.difference, self.verdict
-        if difference is None:
+        if self.difference is None:
             return "cannot tell which is better: no fresh road was judged with both"
         old, new = self.fresh.failing
-        value, low, high = (_points(share) for share in asdict(difference).values())
-        rates = f"(difference {value} points, 95 % interval {low} to {high})"
+        rates = f"(difference {self.difference_text})"
         roads = f"of {counted(len(self.fresh.judged), 'fresh road')}"
+        verdict = self.verdict
         if verdict not in (BETTER, WORSE):
-            if verdict == _CANNOT_TELL:
+            if verdict == CANNOT_TELL:
                 verdict += " which is better, the drives in which the simulator broke decide"
             return f"{verdict}: {roads}, new fails on {new}, old on {old} {rates}"
-        time = self.time_difference
-        if time is not None and time.sign > 0 and time.value >= MIN_SLOWDOWN:
-            word = "but" if verdict == BETTER else "and"
-            verdict += f" {word} {100.0 * time.value:.0f} % slower"
-        return f"{verdict}: {roads}, it fails on {new}, old on {old} {rates}"
+        return f"{self.verdict_with_time}: {roads}, it fails on {new}, old on {old} {rates}"
+
+    @property
+    def difference_text(self) -> str:
+        """Difference of the failure rates with its interval, in percentage points.
+
+        The text is empty without a difference.
+        """
+        if self.difference is None:
+            return ""
+        value, interval = in_points(self.difference)
+        return f"{value} points, {100.0 * self.confidence:.3g} % interval {interval}"
+
+    @property
+    def verdict_with_time(self) -> str:
+        """Verdict, with how much slower the new version drives, if it is better or worse."""
+        time, verdict = self.time_difference, self.verdict
+        is_slower = time is not None and time.sign > 0 and time.value >= MIN_SLOWDOWN
+        if time is None or not is_slower or verdict not in (BETTER, WORSE):
+            return verdict
+        word = "but" if verdict == BETTER else "and"
+        return f"{verdict} {word} {100.0 * time.value:.0f} % slower"
 
     @property
     def overall(self) -> str:
@@ -217,7 +193,7 @@ class BackToBack:
         return self.quality.sentence, f"failures: {self.answer}"
 
     @cached_property
-    def causes(self) -> dict[str, tuple[int, int]]:
+    def causes(self) -> Mapping[str, tuple[int, int]]:
         """Cause in words -> numbers of roads on which the old and the new version fail by it.
 
         All roads count; the most frequent cause comes first.
@@ -229,9 +205,7 @@ class BackToBack:
                     cause = failure.cause
                     text = "" if cause is None else as_text(cause.kind, None, cause.criterion)
                     causes[text or str(failure.fault)] += 1
-        old, new = counts
-        names = sorted({*old, *new}, key=lambda name: (-max(old[name], new[name]), name))
-        return {name: (old[name], new[name]) for name in names}
+        return paired_counts(*counts)
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -259,7 +233,7 @@ class BackToBack:
                     f"the simulator broke in {counted(reasons.total(), 'drive')} with {version},"
                     f" which count as neither passed nor failed, most often: {reason}"
                 )
-        if self.overall in (NO_DIFFERENCE, _CANNOT_TELL) and self.fresh.judged:
+        if self.overall in (NO_DIFFERENCE, CANNOT_TELL) and self.fresh.judged:
             more = _HALVING_FACTOR * len(self.fresh.pairs)
             yield f"four times as many fresh roads, {more}, halve the interval"
 
@@ -285,7 +259,7 @@ class BackToBack:
         }
 
 
-def _failure_difference(pairs: Sequence[Pair]) -> ValueWithInterval | None:
+def _failure_difference(pairs: Sequence[Pair], confidence: float) -> ValueWithInterval | None:
     """Return the difference of the failure rates, new minus old; None without pairs.
 
     Every outcome but PASS counts as a failure.
@@ -293,7 +267,19 @@ def _failure_difference(pairs: Sequence[Pair]) -> ValueWithInterval | None:
     if not pairs:
         return None
     old, new = ([pair[i].outcome is not Outcome.PASS for pair in pairs] for i in range(2))
-    return paired_share_difference(old, new)
+    return paired_share_difference(old, new, confidence=confidence)
+
+
+def paired_counts(old: Counter[str], new: Counter[str]) -> dict[str, tuple[int, int]]:
+    """Return cause -> counts of the old and the new version; the most frequent cause first."""
+    names = sorted({*old, *new}, key=lambda name: (-max(old[name], new[name]), name))
+    return {name: (old[name], new[name]) for name in names}
+
+
+def in_points(difference: ValueWithInterval) -> tuple[str, str]:
+    """Return a difference of shares and its interval in percentage points."""
+    value, low, high = (_points(share) for share in asdict(difference).values())
+    return value, f"{low} to {high}"
 
 
 def _points(share: float) -> str:
@@ -345,7 +331,7 @@ def compare_versions(
         on_own_roads=roads.quality_plan.on_own_roads,
         quality=None
         if drives.missing
-        else QualityComparison([paired_quality(quality_pairs), *disturbed]),
+        else QualityComparison.of([paired_quality(quality_pairs), *disturbed]),
     )
 
 
