@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 from frenetic._support.words import capitalised
 from frenetic.analysis.quality import QUALITY, Axis, QualityMeasure
 from frenetic.analysis.quality_comparison import QualityComparison
-from frenetic.analysis.quality_differences import FAILING, CurvePoint, PairedQuality, curve
-from frenetic.analysis.quality_text import difference_rows, drives_title
+from frenetic.analysis.quality_differences import FAILING, CurvePoint, QualityDifference, curve
+from frenetic.analysis.quality_text import difference_row, difference_rows, drives_title
 from frenetic.analysis.statistics import SIGNIFICANT
 from frenetic.report.html.page import (
     Chart,
@@ -27,6 +27,7 @@ from frenetic.report.html.page import (
     proper,
     write_page,
 )
+from frenetic.rerun.versions_by_class import VersionsByClass
 from frenetic.spec.part_text import part_text
 
 if TYPE_CHECKING:
@@ -39,6 +40,13 @@ _AXES: Final[dict[Axis, str]] = {"radius": "radius of the road [m]", "speed": "s
 _WIDE: Final = 1.25
 """Place of the bin of the widest bends and straights, as a multiple of its lower end; our
 choice."""
+_MEASURES: Final = (FAILING, *QUALITY.values())
+"""All measures, the most important group first."""
+_OVER_PARTS: Final = (
+    "New minus old in each part of the road, with its interval of 95 %, which is not corrected for"
+    " the number of parts."
+)
+"""Text about charts over an axis."""
 _STATISTICS: Final = {
     "old, new": "Median over the roads that both pass, or share of the roads.",
     "difference": "Hodges and Lehmann's estimate of new minus old on the same road, the median of"
@@ -49,11 +57,13 @@ _STATISTICS: Final = {
 }
 
 
-def write_quality_page(result: BackToBack, path: Path | str, *, command: str | None = None) -> Path:
+def write_quality_page(
+    result: BackToBack | VersionsByClass, path: Path | str, *, command: str | None = None
+) -> Path:
     """Write a comparison of two versions as one self-contained HTML file.
 
     Args:
-        result: complete comparison, without missing drives.
+        result: complete comparison, without missing drives, on roads of one class or of several.
         path: path of the file, which is replaced.
         command: command line that writes the page again.
 
@@ -64,6 +74,8 @@ def write_quality_page(result: BackToBack, path: Path | str, *, command: str | N
         FreneticError: the file cannot be written.
         ValueError: drives are missing.
     """
+    if isinstance(result, VersionsByClass):
+        return write_page(classes_report(result, command_line=command), path)
     if result.quality is None:
         raise ValueError(f"{result.missing} drives are missing: compare the versions to the end")
     return write_page(quality_report(result, result.quality, command_line=command), path)
@@ -79,70 +91,162 @@ def quality_report(
         quality: its comparison where both pass.
         command_line: command line that writes the page again.
     """
-    configuration = []
-    if command_line is not None:
-        block = command(command_line, "Makes this again:")
-        configuration.append(Section("configuration", "Configuration", (block,)))
-    measures = (FAILING, *QUALITY.values())
-    definitions = {measure.title: _definition(measure) for measure in measures}
-    tables = tuple(
-        block
-        for drives in quality.drives
-        for block in (Paragraph(f"{drives_title(drives)}:"), _table(quality, drives))
-    )
-    title = f"{part_text(result.old)} and {part_text(result.new)} compared"
+    title = _title(result)
+    tiles = [_tile(difference) for difference in quality.main]
+    fresh = f"{len(result.fresh.pairs)}, seed {result.seed}"
     return Report(
         title=title,
         sections=(
-            Section("summary", title, (_headline(result, quality),)),
-            Section("differences", "Differences on the same roads", tables),
+            Section("summary", title, (_headline(result, tiles, fresh),)),
+            Section("differences", "Differences on the same roads", tuple(_tables(quality))),
             *(
                 Section(
-                    f"over-{axis}",
-                    f"Over the {axis}",
-                    tuple(_charts(quality, axis)),
-                    "New minus old in each part of the road, with its interval of 95 %, which is"
-                    " not corrected for the number of parts.",
+                    f"over-{axis}", f"Over the {axis}", tuple(_charts(quality, axis)), _OVER_PARTS
                 )
                 for axis in _AXES
             ),
-            Section(
-                "measures",
-                "What is measured",
-                (Facts(definitions, "Measures"), Facts(_STATISTICS, "Statistics")),
-            ),
-            *configuration,
+            *_closing_sections(command_line),
         ),
     )
 
 
-def _headline(result: BackToBack, quality: QualityComparison) -> DataBlock:
-    """Return the block with the sentences and the differences that are shown."""
+def classes_report(result: VersionsByClass, *, command_line: str | None = None) -> Report:
+    """Return the page of a comparison of two versions on roads of several classes.
+
+    It has a section for each class, with charts of the measures that differ there.
+
+    Args:
+        result: comparison of two versions.
+        command_line: command line that writes the page again.
+    """
+    title = _title(result)
+    qualities = result.qualities
+    tiles = [
+        _tile(difference, name)
+        for name, quality in qualities.items()
+        for difference in quality.main[:1]
+    ]
+    fresh = ", ".join(
+        f"{len(of_class.fresh.pairs)} of {name} (seed {of_class.seed})"
+        for name, of_class in result.classes.items()
+    )
+    return Report(
+        title=title,
+        sections=(
+            Section("summary", title, (_headline(result, tiles, fresh),)),
+            Section("classes", "Road classes", (_failures_table(result), _overview(qualities))),
+            *(
+                Section(
+                    f"class-{i}",
+                    capitalised(name),
+                    (*_tables(quality), *_charts_of_class(quality)),
+                    proper(f"{capitalised(quality.sentence)}."),
+                )
+                for i, (name, quality) in enumerate(qualities.items(), 1)
+            ),
+            *_closing_sections(command_line),
+        ),
+    )
+
+
+def _title(result: BackToBack | VersionsByClass) -> str:
+    """Return the title of a page, which names both versions."""
+    return f"{part_text(result.old)} and {part_text(result.new)} compared"
+
+
+def _closing_sections(command_line: str | None) -> Iterator[Section]:
+    """Yield the sections with definitions, and with the command line that writes the page again."""
+    definitions = {measure.title: _definition(measure) for measure in _MEASURES}
+    facts = (Facts(definitions, "Measures"), Facts(_STATISTICS, "Statistics"))
+    yield Section("measures", "What is measured", facts)
+    if command_line is not None:
+        block = command(command_line, "Makes this again:")
+        yield Section("configuration", "Configuration", (block,))
+
+
+def _headline(result: BackToBack | VersionsByClass, tiles: Sequence[Tile], fresh: str) -> DataBlock:
+    """Return the block with the sentences and the differences that are shown.
+
+    Args:
+        result: comparison of two versions.
+        tiles: the largest differences.
+        fresh: numbers and seeds of the fresh roads.
+    """
     return DataBlock(
         "headline",
         {
-            "lead": " ".join(f"{capitalised(sentence)}." for sentence in result.sentences),
+            "lead": proper(" ".join(f"{capitalised(sentence)}." for sentence in result.sentences)),
             "warning": " ".join(f"{capitalised(note)}." for note in result.notes),
-            "tiles": [
-                Tile(
-                    difference.measure.title,
-                    proper(f"{difference.measure.text(difference.new)} {difference.measure.unit}"),
-                    proper(
-                        f"old {difference.measure.text(difference.old)}"
-                        + (f", with {difference.conditions}" if difference.conditions else "")
-                    ),
-                    "fail" if difference.better < 0 else "",
-                )
-                for difference in quality.main
-            ],
+            "tiles": list(tiles),
             "facts": {
                 "old": part_text(result.old),
                 "new": part_text(result.new),
                 "simulator": part_text(result.simulator),
-                "fresh roads": f"{len(result.fresh.pairs)}, seed {result.seed}",
+                "fresh roads": fresh,
             },
         },
     )
+
+
+def _tile(difference: QualityDifference, road_class: str = "") -> Tile:
+    """Return the tile of a difference; a road class is named if there are several."""
+    measure = difference.measure
+    note = f"old {measure.text(difference.old)}"
+    if difference.conditions:
+        note += f", with {difference.conditions}"
+    if road_class:
+        note += f", on {road_class}"
+    return Tile(
+        measure.title,
+        proper(f"{measure.text(difference.new)} {measure.unit}"),
+        proper(note),
+        "fail" if difference.better < 0 else "",
+    )
+
+
+def _failures_table(result: VersionsByClass) -> Table:
+    """Return the table of failures on the fresh roads of each class."""
+    rows = []
+    for name, of_class in result.classes.items():
+        old, new = of_class.fresh.failing
+        counts = (str(len(of_class.fresh.judged)), str(old), str(new))
+        rows.append((name, *counts, proper(of_class.difference_text), of_class.verdict_with_time))
+    return Table(
+        ("failures", ">fresh roads", ">old fails", ">new fails", ">difference", "verdict"),
+        tuple(rows),
+    )
+
+
+def _overview(qualities: Mapping[str, QualityComparison]) -> Table:
+    """Return the table of the differences that are shown on some class, a column for each class."""
+    shown = {
+        name: {
+            (difference.measure.name, difference.conditions): difference
+            for difference in quality.differences
+            if difference.is_shown
+        }
+        for name, quality in qualities.items()
+    }
+    kinds = {kind: None for differences in shown.values() for kind in differences}
+    order = [measure.name for measure in _MEASURES]
+    rows = []
+    for name, conditions in sorted(kinds, key=lambda kind: order.index(kind[0])):
+        measure = _MEASURES[order.index(name)]
+        differences = [of_class.get((name, conditions)) for of_class in shown.values()]
+        cells = ["–" if each is None else _overview_text(each) for each in differences]
+        rows.append((f"{measure.title} [{measure.unit}]", conditions, *cells))
+    caption = (
+        "New minus old where both pass, with the version that is better; – if no difference is"
+        " shown."
+    )
+    return Table(("quality", "with", *(f">{name}" for name in qualities)), tuple(rows), caption)
+
+
+def _overview_text(difference: QualityDifference) -> str:
+    """Return a difference with the version that is better, such as ``+0.21, new``."""
+    *_, amounts, _ = difference_row(difference)
+    better = {1: ", new", -1: ", old", 0: ""}[difference.better]
+    return proper(f"{amounts.partition(' ')[0]}{better}")
 
 
 def _definition(measure: QualityMeasure) -> str:
@@ -151,18 +255,35 @@ def _definition(measure: QualityMeasure) -> str:
     return f"{measure.definition}{better} Least difference: {measure.least:g} {measure.unit}."
 
 
-def _table(quality: QualityComparison, drives: PairedQuality) -> Table:
-    """Return the table of all measures in one kind of conditions."""
-    rows = difference_rows(quality.differences, drives.conditions)
-    return Table(
-        ("measure", ">old", ">new", ">difference (95 %)", "shown"),
-        tuple(tuple(map(proper, row)) for row in rows),
-    )
+def _tables(quality: QualityComparison) -> Iterator[Paragraph | Table]:
+    """Yield a title and the table of all measures for each kind of conditions."""
+    for drives in quality.drives:
+        yield Paragraph(f"{drives_title(drives)}:")
+        rows = difference_rows(quality.differences, drives.conditions)
+        yield Table(
+            ("measure", ">old", ">new", ">difference (95 %)", "shown"),
+            tuple(tuple(map(proper, row)) for row in rows),
+        )
 
 
-def _charts(quality: QualityComparison, axis: Axis) -> Iterator[Chart]:
+def _charts_of_class(quality: QualityComparison) -> Iterator[Paragraph | Chart]:
+    """Yield charts over each axis of the measures whose difference is shown."""
+    shown = {difference.measure.name for difference in quality.shown}
+    charts = [
+        chart
+        for axis in _AXES
+        for chart in _charts(quality, axis, [name for name in CHARTED if name in shown])
+    ]
+    if charts:
+        yield Paragraph(_OVER_PARTS)
+        yield from charts
+
+
+def _charts(
+    quality: QualityComparison, axis: Axis, names: Sequence[str] = CHARTED
+) -> Iterator[Chart]:
     """Yield a chart for each measure: its difference over an axis, a line for each conditions."""
-    for name in CHARTED:
+    for name in names:
         measure = QUALITY[name]
         lines = [
             _line(drives.conditions or "as in the campaign", points, f"group-{i}")
