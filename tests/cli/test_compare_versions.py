@@ -203,3 +203,68 @@ def test_several_conditions_may_disturb_at_once(frenetic: Frenetic) -> None:
         "noise 0.1 m, gust -5 m/s",
         "load 200 kg",
     ]
+
+
+# Several road classes
+
+
+@pytest.fixture
+def two_classes(frenetic: Frenetic) -> tuple[str, str]:
+    """Campaigns of a swaying driver in town and on country roads."""
+    for roads in ("urban-50,length=300", "rural-80,length=600"):
+        search = ("--roads", roads, "--simulations", "1", "--seed", "1", "--strategy", "random")
+        folder = f"sway/{roads.partition(',')[0]}"
+        assert frenetic("run", "--driver", SLACK, *search, "--out", folder).code == 0
+    return "sway/urban-50", "sway/rural-80"
+
+
+TAUT = ("--driver", "offset_gain=1.5,yaw_damping=0.05", "--fresh", "14", "--disturb", "noise=0.1")
+
+
+def test_several_campaigns_show_on_which_roads_a_version_is_better(
+    frenetic: Frenetic, two_classes: tuple[str, str]
+) -> None:
+    answer = frenetic("compare", *two_classes, *TAUT, "--out", "classes.html")
+    assert answer.code in (0, 3)
+    first, second, *lines = answer.out.splitlines()
+    assert first.startswith("on urban-50, ")
+    assert "; on rural-80, with noise 0.1 m, new keeps 0." in first
+    assert second.startswith("failures: no difference shown on urban-50 and rural-80 (fails on 0")
+    titles = [line.strip() for line in lines if line.startswith("Quality on")]
+    assert titles == [
+        "Quality on urban-50, on roads that both pass",
+        "Quality on rural-80, on roads that both pass",
+    ]
+    assert any(line.startswith("rural-80, fresh ") for line in lines)
+    assert lines[-1] == "classes.html"
+    assert "Rural-80" in Path("classes.html").read_text(encoding="utf-8")
+    again = frenetic("compare", "sway", *TAUT, "--json")  # a folder that holds both
+    assert again.code == answer.code
+    assert [*again.json["classes"]] == ["rural-80", "urban-50"]
+    assert again.json["overall"] in ("new is better", "new is better and worse")
+    alone = frenetic("compare", "sway/rural-80", *TAUT, "--json").json["quality"]
+    of_class = again.json["classes"]["rural-80"]["quality"]
+    assert [d["p"] for d in of_class["differences"]] == [d["p"] for d in alone["differences"]]
+    assert all(
+        d["p_corrected"] >= other["p_corrected"]
+        for d, other in zip(of_class["differences"], alone["differences"], strict=True)
+    )
+
+
+def test_ctrl_c_on_one_class_leaves_the_drives_of_the_others(
+    frenetic: Frenetic,
+    stopping_driver: Callable[[int], str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    search = ("--driver", OLD, "--simulations", "2", "--seed", "3", "--with", "friction=0.9")
+    assert frenetic("run", *search, "--out", "wet").code == 0
+    failing = sum(frenetic("show", name, "--json").json["failed"] for name in ("night", "wet"))
+    command = ("compare", "night", "wet", "--fresh", "4", "--disturb", "none", "--driver")
+    stopped = frenetic(*command, stopping_driver(3))
+    assert (stopped.code, stopped.out) == (130, "")
+    remaining = int(stopped.err.partition("Interrupted: ")[2].split()[0])
+    shown = recorded_progress(monkeypatch)
+    whole = frenetic(*command, stopping_driver(0), "--json")
+    assert [*whole.json["classes"]] == ["competition (night)", "competition (wet)"]
+    assert shown[-1] == (16 + failing, 16 + failing)
+    assert 8 <= remaining < 16 + failing

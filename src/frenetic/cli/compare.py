@@ -88,20 +88,17 @@ def compare(
     With --driver or --as it says instead whether that driver beats the campaign's driver. Both
     drive on fresh random roads (of the campaign's domain, if it has one), which decide the answer,
     and on the roads on which the campaign failed. Where both pass, it says which keeps its lane
-    better, steers less and is more comfortable, also with noise and gusts. After Ctrl-C the same
+    better, steers less and is more comfortable, also with noise and gusts. Several campaigns of one
+    driver, on roads of different classes, show on which class it is better. After Ctrl-C the same
     command continues. The exit code is 0 if the new driver is better, 1 if it is worse, 3 if the
     drives show neither.
     """
     from frenetic.analysis.comparison import compare as compare_groups
 
     if new_driver := CommandOptions.of(context):
-        if len(places) > 1:
-            raise click.UsageError(
-                "--driver and --as compare a new driver with one campaign's driver: name one"
-                " campaign only"
-            )
         check_suffixes(out, _PAGE)
-        compare_versions(Path(places[0]), new_driver, VersionsOptions.of(context))
+        folders = list(dict.fromkeys(folder for place in places for folder in _campaigns_in(place)))
+        compare_versions(folders, new_driver, VersionsOptions.of(context))
     for parameter, option in _NEW_DRIVER_OPTIONS.items():
         if was_given(context, parameter):
             raise click.UsageError(f"--{option} is for a new version of a driver: add --driver")

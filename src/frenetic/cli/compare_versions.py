@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Mapping, Sequence
 from contextlib import chdir
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,14 +16,16 @@ from frenetic._support.option_text import part_word
 from frenetic._support.words import counted
 from frenetic.cli import echo
 from frenetic.cli.command_options import CommandOptions
-from frenetic.cli.console import Log, print_table, shell, this_command
+from frenetic.cli.console import Log, this_command
 from frenetic.cli.entries import was_given
 from frenetic.cli.option_types import ParsedText
 from frenetic.cli.rerun_options import campaign_source, interrupted, shown_driving
+from frenetic.cli.versions_output import print_versions
 from frenetic.errors import CampaignError, FreneticError
 from frenetic.spec import Spec
 
 if TYPE_CHECKING:
+    from frenetic.campaign import RoadTester
     from frenetic.rerun.back_to_back import BackToBack
     from frenetic.rerun.disturbances import Disturbance, QualityPlan
 
@@ -121,13 +124,27 @@ class _Versions:
     """Folder in which the new version has to be made."""
 
 
+@dataclass(frozen=True)
+class _PlannedComparison:
+    """What is driven to compare two versions on the roads of a campaign."""
+
+    folder: Path
+    """Folder of the campaign."""
+    versions: _Versions
+    tester: RoadTester
+    """Tester with the new version."""
+    quality: QualityPlan
+    drives: int
+    """Number of all drives."""
+
+
 def compare_versions(
-    folder: Path, new_driver: CommandOptions, options: VersionsOptions
+    folders: Sequence[Path], new_driver: CommandOptions, options: VersionsOptions
 ) -> NoReturn:
-    """Print whether a new driver is better than a campaign's driver, and end the command.
+    """Print whether a new driver is better than the driver of campaigns, and end the command.
 
     Args:
-        folder: folder of the campaign.
+        folders: folders of one campaign, or of several whose roads are of different classes.
         new_driver: the options ``--driver``, ``--as`` and ``--trust``.
         options: the other options.
 
@@ -135,9 +152,16 @@ def compare_versions(
         click.exceptions.Exit: always, with the exit code that says which driver is better.
     """
     from frenetic.analysis.quality_comparison import BETTER, WORSE
+    from frenetic.rerun.versions_by_class import VersionsByClass, campaigns_by_class
 
-    versions = _versions(folder, new_driver)
-    result = _drive_both(folder, versions, options, is_trusted=new_driver.is_trusted)
+    names = {"": folders[0]}
+    if len(folders) > 1:
+        names = campaigns_by_class(folders, on_own_roads=options.quality.on_own_roads)
+    # All new versions are made first, so that a mistake shows before an old version drives.
+    planned = {name: _planned(folder, new_driver, options) for name, folder in names.items()}
+    results = _drive_all(planned, options, is_trusted=new_driver.is_trusted)
+    versions = next(iter(planned.values())).versions
+    result = VersionsByClass.of(results) if len(results) > 1 else results[""]
     for path in options.out:
         from frenetic.report.html.quality import write_quality_page
 
@@ -145,7 +169,7 @@ def compare_versions(
     if options.as_json:
         echo(json.dumps(result.as_json()))
     else:
-        _print(result, versions)
+        print_versions(result, (versions.old, versions.new))
         for path in options.out:
             echo(path)
     exit_codes = {BETTER: 0, WORSE: 1}
@@ -205,35 +229,22 @@ def _new_driver(folder: Path, old: Spec, options: CommandOptions) -> str | None:
     return options.over(old).driver
 
 
-def _drive_both(
-    folder: Path, versions: _Versions, options: VersionsOptions, *, is_trusted: bool
-) -> BackToBack:
-    """Drive both versions on fresh roads and on the roads on which the old version failed.
-
-    Args:
-        folder: folder of the campaign.
-        versions: specs of both versions.
-        options: options of the command.
-        is_trusted: whether the command line has ``--trust``.
+def _planned(
+    folder: Path, new_driver: CommandOptions, options: VersionsOptions
+) -> _PlannedComparison:
+    """Return what is driven on the roads of a campaign, after making the new version.
 
     Raises:
-        click.exceptions.Exit: drives are left after Ctrl-C.
-        FreneticError: both versions are the same, or cannot have a disturbance.
+        FreneticError: both versions are the same, or cannot have a disturbance; or see `_versions`.
     """
     from frenetic.campaign import CampaignStore, RoadTester
     from frenetic.rerun.back_to_back import check_differ
-    from frenetic.rerun.back_to_back import compare_versions as compared
-    from frenetic.rerun.old_version import (
-        campaign_tests,
-        fresh_roads_as_recorded,
-        recorded_driver,
-    )
+    from frenetic.rerun.old_version import campaign_tests, recorded_driver
 
-    log, fresh = Log(), options.fresh
+    versions, fresh = _versions(folder, new_driver), options.fresh
     with CampaignStore.open(folder) as store:
         failed = store.counts().failed
         recorded, terms = recorded_driver(store), store.setting.terms
-    # The new version is made first, so that a mistake in it shows before the old version drives.
     with chdir(versions.code_folder):
         tester = RoadTester.of(versions.new, terms)
     check_differ(recorded, tester.described["driver"])
@@ -242,69 +253,45 @@ def _drive_both(
     drives = (2 + disturbed) * fresh + failed
     if plan.on_own_roads:
         drives = 2 * fresh + (1 + disturbed) * len(campaign_tests(folder)) + failed
-    with shown_driving(log, "Driving both versions", drives) as on_event:
+    return _PlannedComparison(folder, versions, tester, plan, drives)
+
+
+def _drive_all(
+    planned: Mapping[str, _PlannedComparison], options: VersionsOptions, *, is_trusted: bool
+) -> dict[str, BackToBack]:
+    """Drive both versions on fresh roads and on the roads on which the old version failed.
+
+    Args:
+        planned: road class in words -> what is driven there.
+        options: options of the command.
+        is_trusted: whether the command line has ``--trust``.
+
+    Raises:
+        click.exceptions.Exit: drives are left after Ctrl-C.
+        FreneticError: the simulator or the old version cannot be made.
+    """
+    from frenetic.rerun.back_to_back import compare_versions as compared
+    from frenetic.rerun.old_version import fresh_roads_as_recorded
+
+    log = Log()
+    results: dict[str, BackToBack] = {}
+    missing, total = 0, sum(plan.drives for plan in planned.values())
+    with shown_driving(log, "Driving both versions", total) as on_event:
         driving: Any = {"workers": options.workers, "isolate": True, "on_event": on_event}
-        roads = fresh_roads_as_recorded(
-            folder,
-            versions.old,
-            fresh=fresh,
-            quality_plan=plan,
-            is_trusted=is_trusted,
-            **driving,
-        )
-        result = compared(roads, tester, **driving)
-    if result.missing:
-        raise interrupted(log, f"{counted(result.missing, 'drive')} to go")
-    return result
-
-
-def _print(result: BackToBack, versions: _Versions) -> None:
-    """Print which driver is better, and the numbers from which that follows."""
-    from frenetic.parts.records import innermost, short_version
-    from frenetic.rerun.stability import Change
-
-    for sentence in result.sentences:
-        echo(sentence)
-    for version, spec, record in (
-        ("old", versions.old, result.old),
-        ("new", versions.new, result.new),
-    ):
-        echo(f"{version}: {shell(str(spec.part('driver')))} ({short_version(innermost(record))})")
-    if result.domain is not None:
-        echo(f"domain: {result.domain.as_text()}")
-    road_sets = {"fresh roads": result.fresh, "old's failing roads": result.known}
-    print_table(
-        ("", ">judged", ">old fails", ">new fails", *(f">{change}" for change in Change)),
-        [
-            (name, len(roads.judged), *roads.failing, *(roads.changes[change] for change in Change))
-            for name, roads in road_sets.items()
-            if roads.pairs
-        ],
-    )
-    _print_quality(result)
-    if result.causes:
-        print_table(
-            ("what the driver does", ">old fails", ">new fails"),
-            [(cause, *failures) for cause, failures in result.causes.items()],
-            title="On all these roads",
-        )
-    for note in result.notes:
-        echo(f"Note: {note}")
-
-
-def _print_quality(result: BackToBack) -> None:
-    """Print the differences in quality that are shown, each where it is largest."""
-    from frenetic.analysis.quality_text import difference_row
-
-    if result.quality is None:
-        return
-    if shown := result.quality.shown:
-        print_table(
-            ("", "with", ">roads", ">old", ">new", ">difference (95 %)", ""),
-            [
-                (title, difference.conditions, str(difference.roads), *values)
-                for difference in shown
-                for title, *values in [difference_row(difference)]
-            ],
-            title="Quality, on roads that both pass",
-        )
+        for name, plan in planned.items():
+            if missing:  # after Ctrl-C nothing more is driven
+                missing += plan.drives
+                continue
+            roads = fresh_roads_as_recorded(
+                plan.folder,
+                plan.versions.old,
+                fresh=options.fresh,
+                quality_plan=plan.quality,
+                is_trusted=is_trusted,
+                **driving,
+            )
+            results[name] = compared(roads, plan.tester, **driving)
+            missing = results[name].missing
+    if missing:
+        raise interrupted(log, f"{counted(missing, 'drive')} to go")
+    return results
