@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import html
 import inspect
+import re
 import xml.etree.ElementTree as ET
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -49,8 +51,12 @@ def test_a_margin_is_printed_drawn_and_written(frenetic: Frenetic, tmp_path: Pat
     document = frenetic(*words, "--json").json
     assert [margin["side"] for margin in document["margins"]] == ["more", "less", "more"]
     assert all(len(margin["roads"]) == 4 for margin in document["margins"])
-    drive = document["margins"][0]["roads"][0]["drive"]
-    assert "FAIL" in frenetic("show", "m", str(drive)).out
+    for margin, row in zip(document["margins"], rows, strict=False):
+        assert f"  {margin['drive']}  " in row
+        shown = frenetic("show", "m", str(margin["drive"])).out
+        assert "FAIL" in shown
+        (amount,) = re.findall(rf"conditions {margin['condition']} (\S+) ", shown)
+        assert float(amount) == pytest.approx(margin["amount"], rel=0.05)
 
 
 def test_at_least_ends_with_1_where_a_margin_is_too_small(frenetic: Frenetic) -> None:
@@ -94,7 +100,7 @@ def test_a_campaign_has_its_most_demanding_roads_beside_the_random_ones(
     assert frenetic("report", "c").code == 0
     report = Path("c/report.html").read_text(encoding="utf-8")
     assert "3 random roads of urban-50, 50 km/h, seed 0, and the 3 roads that the" in report
-    assert f"drives are in {folder};" in report
+    assert f"'frenetic show {folder} DRIVE' shows it" in html.unescape(report)
     elsewhere = frenetic(*words, "--out", "elsewhere").out.splitlines()[-1]
     assert elsewhere == "Kept in elsewhere; to see it: frenetic report elsewhere"
     assert frenetic("rerun", "c", "--top", "1").code == 0

@@ -21,7 +21,7 @@ CONFIG = {"driver": PART, "simulator": PART}
 
 def blocks_of(*studies: Margins) -> tuple[list[Paragraph], list[DataBlock], list[Table]]:
     """Return the paragraphs, figures and tables of the section of studies."""
-    blocks = margin_section(studies, CONFIG).blocks
+    blocks = margin_section(studies, CONFIG, Path("page")).blocks
     return (
         [block for block in blocks if isinstance(block, Paragraph)],
         [block for block in blocks if isinstance(block, DataBlock)],
@@ -36,12 +36,14 @@ def test_the_section_has_a_sentence_a_figure_and_a_table() -> None:
     )
     assert any("pass again beyond the failing amount" in note.text for note in notes)
     assert table.columns[-1] == ">2 most demanding"
-    assert table.rows[0][:3] == ("more delay", "0 s", "0.3 s")
-    assert table.rows[1][2:4] == ("never up to 0.01", "–")
+    assert table.rows[0][:5] == ("more delay", "0 s", "0.3 s", "0.3 s to 0.3 s", "1")
+    assert table.rows[1][2:5] == ("never up to 0.01", "–", "–")
+    assert table.links == (), "the page of a campaign has no drives of a study"
     assert table.caption == (
-        "Roads: 80 random roads of rural <80> $x$, seed 0, and the 2 roads that the campaign passed"
-        " with the lowest MOOBD, which a search chose and which do not count. The 9 drives are in"
-        " c; 'frenetic show c ID' shows one."
+        "Drive: on the road that begins to fail nearest to this amount; 'frenetic show c DRIVE'"
+        " shows it. Roads: 80 random roads of rural <80> $x$, seed 0, and the 2 roads that the"
+        " campaign passed with the lowest MOOBD, which a search chose and which do not count. 9"
+        " drives in all."
     )
     delay, friction, view = figure.data["rows"]
     assert (delay["name"], delay["range"], delay["amount"]) == ("More delay", "0 s to 1 s", "0.3 s")
@@ -70,12 +72,14 @@ def test_another_driver_than_the_campaigns_is_named() -> None:
 
 
 def test_the_figure_is_drawn_without_a_script_and_escapes_texts() -> None:
-    section = margin_section([margins()], CONFIG)
+    section = margin_section([margins()], CONFIG, Path("c"))
     page = render(Report("margins", (Section("summary", "m", ()), section)))
     assert page.count('class="margin"') == 3
     assert page.count('class="bar-beyond"') == 1
     assert page.count('class="demanding"') == 2
     assert "rural &lt;80&gt; $x$" in page
+    assert '<a href="#test-1">more delay</a>' in page, "a study's own page has its drives"
+    assert '<th scope="row">less friction</th>' in page, "nothing fails"
     assert "rural <80>" not in page.partition('id="data"')[0]
 
 

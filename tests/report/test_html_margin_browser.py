@@ -21,7 +21,7 @@ Show = Callable[..., Page]
 @pytest.fixture
 def margins_page(show: Show, tmp_path: Path) -> Page:
     """A page with margins only."""
-    sections = (Section("summary", "Margins", ()), margin_section([margins()], {}))
+    sections = (Section("summary", "Margins", ()), margin_section([margins()], {}, Path("c")))
     return show(write_page(Report("Margins", sections), tmp_path / "page.html"))
 
 

@@ -95,6 +95,17 @@ class ConditionMargin:
         return self._amount(self.shares.low), self._amount(self.shares.high)
 
     @property
+    def example(self) -> RoadLimit | None:
+        """Limit of the random road that is nearest to the amount; None if that is beyond the range.
+
+        Its drive shows how the driver fails at the margin.
+        """
+        value = self.shares.value
+        if math.isinf(value):
+            return None
+        return min(self.limits, key=lambda limit: abs(limit.share - value))
+
+    @property
     def least(self) -> RoadLimit | None:
         """Limit on the demanding road that fails first; None without demanding roads."""
         return min(self.demanding, key=lambda limit: limit.share, default=None)
@@ -161,6 +172,7 @@ class ConditionMargin:
             "interval": [_finite(amount) for amount in self.interval],
             "range_share": _finite(shares.value),
             "range_share_interval": [_finite(shares.low), _finite(shares.high)],
+            "drive": None if self.example is None else self.example.drive,
             "never": self.never.as_json(),
             "failing_as_usual": len(self.failing_as_usual),
             "passing_again": len(self.passing_again),
@@ -263,8 +275,16 @@ class Margins:
     @property
     def columns(self) -> tuple[str, ...]:
         """Titles of the columns of `rows`; a title that begins with > is of numbers."""
-        columns = ("quantity", ">usual", ">begins to fail", ">95 % interval", ">never fails")
-        return (*columns, f">{self.demanding} most demanding") if self.demanding else columns
+        demanding = (f">{self.demanding} most demanding",) if self.demanding else ()
+        return (
+            "quantity",
+            ">usual",
+            ">begins to fail",
+            ">95 % interval",
+            ">drive",
+            ">never fails",
+            *demanding,
+        )
 
     @property
     def rows(self) -> list[tuple[str, ...]]:
@@ -275,6 +295,7 @@ class Margins:
                 margin.quantity.text(margin.quantity.usual),
                 margin.amount_text(),
                 margin.interval_text(),
+                "" if margin.example is None else str(margin.example.drive),
                 f"{margin.never.count} of {margin.never.total}",
                 *([margin.least_text()] if self.demanding else []),
             )

@@ -144,7 +144,7 @@ def campaign_report(
     cells = {axis: [axis.find(candidate) for _, candidate in mapped.values()] for axis in axes}
     title = title_of(clusters, counts)
     table = table_of(tests, FailureAnalysis.of(store, clusters))
-    margin_sections = [margin_section(studies, config)] if studies else []
+    margin_sections = [margin_section(studies, config, store.folder)] if studies else []
     if is_study := any(margins.folder == store.folder for margins in studies):
         title = studies[0].headline
     return Report(

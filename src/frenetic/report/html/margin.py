@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
 from typing import Any, Final
 
 from frenetic._support.words import capitalised, counted
 from frenetic.analysis.statistics import ValueWithInterval
 from frenetic.parts.records import differences
+from frenetic.report.html.configuration import shell_path
 from frenetic.report.html.page import Block, DataBlock, Paragraph, Section, Table, proper
 from frenetic.rerun.margin_results import ConditionMargin, Margins
 from frenetic.spec.part_text import part_text
@@ -17,20 +19,31 @@ _TICKS: Final = ((0.0, "usual"), (25.0, "25\u00a0%"), (50.0, "50\u00a0%"), (75.0
 """Place on the axis in percent -> text; the end of the axis is the end of each range."""
 
 
-def margin_section(studies: Sequence[Margins], config: Mapping[str, Any]) -> Section:
+def margin_section(studies: Sequence[Margins], config: Mapping[str, Any], folder: Path) -> Section:
     """Return the section with the margins of a driver, with a figure and a table for each study.
 
     Args:
         studies: one or more studies, the latest first.
         config: configuration of the campaign of the page.
+        folder: folder of the campaign of the page.
     """
-    blocks = tuple(block for margins in studies for block in _blocks(margins, config))
+    blocks = tuple(
+        block
+        for margins in studies
+        for block in _blocks(margins, config, has_drives=margins.folder == folder)
+    )
     lead = "The amounts from which on the driver fails. One amount changes at a time."
     return Section("margin", "Margin", blocks, lead)
 
 
-def _blocks(margins: Margins, config: Mapping[str, Any]) -> Iterator[Block]:
-    """Yield the blocks of a study: a sentence, the figure, the table and the drives."""
+def _blocks(margins: Margins, config: Mapping[str, Any], *, has_drives: bool) -> Iterator[Block]:
+    """Yield the blocks of a study: a sentence, the figure, the table and the drives.
+
+    Args:
+        margins: the study.
+        config: configuration of the campaign of the page.
+        has_drives: whether the page shows the drives of the study, to which rows then link.
+    """
     yield Paragraph(proper(f"{margins.headline}{_parts_text(margins, config)}."))
     data = {
         "rows": [_row(margin) for margin in margins.margins],
@@ -39,7 +52,11 @@ def _blocks(margins: Margins, config: Mapping[str, Any]) -> Iterator[Block]:
     }
     yield DataBlock("margins", data)
     rows = tuple(tuple(proper(text or "–") for text in row) for row in margins.rows)
-    yield Table(margins.columns, rows, _drives_text(margins))
+    links: tuple[str | None, ...] = ()
+    if has_drives:
+        examples = [margin.example for margin in margins.margins]
+        links = tuple(None if each is None else f"#test-{each.drive}" for each in examples)
+    yield Table(margins.columns, rows, _drives_text(margins), links)
     for note in margins.notes:
         yield Paragraph(proper(f"{capitalised(note)}."))
 
@@ -107,6 +124,7 @@ def _drives_text(margins: Margins) -> str:
     if margins.demanding:
         roads += f", and {_demanding_text(margins)}, which a search chose and which do not count"
     return (
-        f"Roads: {roads}. The {counted(margins.drives, 'drive')} are in {margins.folder};"
-        f" 'frenetic show {margins.folder} ID' shows one."
+        "Drive: on the road that begins to fail nearest to this amount; 'frenetic show"
+        f" {shell_path(margins.folder)} DRIVE' shows it. Roads: {roads}."
+        f" {counted(margins.drives, 'drive')} in all."
     )
