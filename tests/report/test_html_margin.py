@@ -6,7 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from html_campaigns import make_sloping
-from made_up_margins import margins
+from made_up_margins import DELAY, limits, margins
 
 from frenetic.campaign import CampaignStore
 from frenetic.report.html import DataBlock, Paragraph, Report, Section, Table, campaign_report
@@ -96,6 +96,10 @@ def test_a_report_shows_the_margins_in_its_folder_and_warns_of_a_damaged_file(
     write_margins(margins(folder))
     assert [section.id for section in report().sections][:2] == ["summary", "margin"]
     assert report().title == margins().headline
+    assert 1 in [drive["id"] for drive in report().data["drives"]], "a drive that shows a margin"
+    copied = replace(margins(folder).margins[0], limits=limits(DELAY, *[0.3] * 80)[-1:])
+    write_margins(replace(margins(folder), margins=(copied,)))
+    assert report().title.startswith("Where the driver"), "though drive 80 is not in the campaign"
     (folder / FILE).write_text("{}")
     (headline,) = report().sections[0].blocks
     assert isinstance(headline, DataBlock)

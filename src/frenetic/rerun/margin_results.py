@@ -273,6 +273,12 @@ class Margins:
         return f"Where the driver begins to fail on {100.0 * SHARE:g} % of {roads} of {self.domain}"
 
     @property
+    def shown_drives(self) -> list[int]:
+        """Ids of the drives that show the margins; a margin beyond the range has none."""
+        examples = [margin.example for margin in self.margins]
+        return [each.drive for each in examples if each is not None and each.drive is not None]
+
+    @property
     def columns(self) -> tuple[str, ...]:
         """Titles of the columns of `rows`; a title that begins with > is of numbers."""
         demanding = (f">{self.demanding} most demanding",) if self.demanding else ()

@@ -131,8 +131,12 @@ def campaign_report(
     shown_clusters, config = reading.misses or clusters, store.config  # misses if nothing failed
     (reruns, studies), trouble = _studies(store.folder)
     elsewhere_reruns = in_other_simulators(reruns, config)
-    rerun_ids = [test.id for rerun in elsewhere_reruns for test in rerun.tests]
-    shown = _tests_to_show(tests, shown_clusters, rerun_ids)
+    own_studies = [margins for margins in studies if margins.folder == store.folder]
+    named_ids = [
+        *(drive for margins in own_studies for drive in margins.shown_drives),
+        *(test.id for rerun in elsewhere_reruns for test in rerun.tests),
+    ]
+    shown = _tests_to_show(tests, shown_clusters, named_ids)
     coverage = domain_coverage(store.setting, store.tests())
     swept = sweep_map(store.tests())
     driven = [test.conditions for test in tests if test.outcome.is_driven]
@@ -145,18 +149,18 @@ def campaign_report(
     title = title_of(clusters, counts)
     table = table_of(tests, FailureAnalysis.of(store, clusters))
     margin_sections = [margin_section(studies, config, store.folder)] if studies else []
-    if is_study := any(margins.folder == store.folder for margins in studies):
-        title = studies[0].headline
+    if own_studies:
+        title = own_studies[0].headline
     return Report(
         title=title,
         sections=(
             Section("summary", title, (headline(store, clusters, counts, trouble),)),
-            *(margin_sections if is_study else []),
+            *(margin_sections if own_studies else []),
             gallery_section(store, shown_clusters, tests, drives, counts, reruns),
             timeline_section(tests, clusters),
             *([] if coverage is None else [domain_section(coverage)]),
             *([] if swept is None else [sweep_section(swept, store.setting.lane_width)]),
-            *([] if is_study else margin_sections),
+            *([] if own_studies else margin_sections),
             map_section({i: features for i, (features, _) in mapped.items()}, tests, cells),
             Section("tests", "All tests", (DataBlock("tests", {}),)),
             configuration_section(store.folder, config, store.facts),
@@ -219,17 +223,18 @@ def _drives(store: CampaignStore, shown: Sequence[int]) -> list[dict[str, Any]]:
 
 
 def _tests_to_show(
-    tests: Sequence[TestSummary], clusters: Clusters, rerun_ids: Sequence[int]
+    tests: Sequence[TestSummary], clusters: Clusters, named_ids: Sequence[int]
 ) -> list[int]:
     """Return ids of the tests to show, the most important first.
 
     First comes an example of each cause, then each cluster's most severe and typical failure, then
-    the failures that were driven in another simulator, then the most severe failures.
+    the tests that other parts of the page name, then the most severe failures.
 
     Args:
         tests: all tests of the campaign.
         clusters: the distinct failures, or the nearest misses.
-        rerun_ids: ids of the failures that were driven in another simulator.
+        named_ids: ids of the drives that show margins, and of the failures that were driven in
+            another simulator.
     """
     examples = [cause.example for cause in clusters.causes]
     of_clusters = [i for cluster in clusters for i in (cluster.most_severe, cluster.typical)]
@@ -238,4 +243,6 @@ def _tests_to_show(
         key=lambda test: (test.moobd or 0.0, test.id),
     )
     by_severity = [test.id for test in failed]
-    return list(dict.fromkeys([*examples, *of_clusters, *rerun_ids, *by_severity]))
+    known = {test.id for test in tests}
+    named_ids = [i for i in named_ids if i in known]  # a file may name drives of another campaign
+    return list(dict.fromkeys([*examples, *of_clusters, *named_ids, *by_severity]))
