@@ -9,6 +9,7 @@ from made_up_quality import ROADS, USUAL, drives
 
 from frenetic.analysis import QualityComparison
 from frenetic.export import quality_frame
+from frenetic.export.quality_tables import QualityTable
 
 pytestmark = pytest.mark.heavy
 
@@ -42,6 +43,15 @@ def test_curves_have_a_row_per_bin() -> None:
     ]
     assert list(chosen["from"]) == [50.0, 800.0]
     assert list(chosen.difference) == pytest.approx([0.4, 0.2], abs=0.01)
+
+
+@pytest.mark.parametrize("table", ["differences", "roads", "curves"])
+def test_several_classes_have_a_column_with_their_names(table: QualityTable) -> None:
+    classes = QualityComparison.by_class({"town": [drives()], "country": [drives()]})
+    frame, town = quality_frame(classes, table), quality_frame(classes["town"], table)
+    assert list(frame.columns) == ["class", *town.columns]
+    assert list(frame["class"].unique()) == ["town", "country"]
+    assert frame[frame["class"] == "town"].drop(columns="class").equals(town)
 
 
 def test_an_unknown_table_is_refused() -> None:

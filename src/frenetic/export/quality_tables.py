@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING, Any, Final, Literal, TypeAlias, get_args
 
 from frenetic.analysis.quality_comparison import QualityComparison
@@ -28,11 +28,16 @@ _COLUMNS: Final[dict[QualityTable, tuple[str, ...]]] = {
 """Table -> names of its columns."""
 
 
-def quality_frame(quality: QualityComparison, table: QualityTable = "differences") -> pd.DataFrame:
+def quality_frame(
+    quality: QualityComparison | Mapping[str, QualityComparison],
+    table: QualityTable = "differences",
+) -> pd.DataFrame:
     """Return how well two versions drive as a pandas data frame.
 
     Args:
-        quality: comparison of two versions, such as `frenetic.rerun.back_to_back.BackToBack` has.
+        quality: comparison of two versions, such as `frenetic.rerun.back_to_back.BackToBack` has,
+            or road class -> comparison, such as `frenetic.rerun.versions_by_class.VersionsByClass`
+            has. Then the first column, ``class``, names the road class.
         table: ``roads``, with a row per road that both pass, measure and kind of conditions;
             ``differences``, with a row per measure and kind of conditions; or ``curves``, with a
             row per measure in each bin of speed (km/h) or radius (m).
@@ -46,8 +51,13 @@ def quality_frame(quality: QualityComparison, table: QualityTable = "differences
     require_extra("a data frame")
     import pandas as pd  # an extra
 
-    rows = {"roads": _road_rows, "differences": _difference_rows, "curves": _curve_rows}
-    return pd.DataFrame(list(rows[table](quality)), columns=list(_COLUMNS[table]))
+    yield_rows = {"roads": _road_rows, "differences": _difference_rows, "curves": _curve_rows}[
+        table
+    ]
+    if not isinstance(quality, Mapping):
+        return pd.DataFrame(list(yield_rows(quality)), columns=list(_COLUMNS[table]))
+    rows = [{"class": name, **row} for name, each in quality.items() for row in yield_rows(each)]
+    return pd.DataFrame(rows, columns=["class", *_COLUMNS[table]])
 
 
 def _road_rows(quality: QualityComparison) -> Iterator[dict[str, Any]]:
