@@ -14,7 +14,7 @@ from frenetic._support.files import open_file
 from frenetic.analysis.axes import varied_axes
 from frenetic.analysis.bend_map import sweep_map
 from frenetic.analysis.clusters import Clusters
-from frenetic.analysis.coverage import domain_coverage
+from frenetic.analysis.coverage import DomainCoverage, domain_coverage
 from frenetic.analysis.failures import Failure
 from frenetic.analysis.passing import passing_drives
 from frenetic.campaign.configuration import SPEC
@@ -139,18 +139,10 @@ def campaign_report(
     shown = _tests_to_show(tests, shown_clusters, named_ids)
     coverage = domain_coverage(store.setting, store.tests())
     swept = sweep_map(store.tests())
-    driven = [test.conditions for test in tests if test.outcome.is_driven]
-    axes = varied_axes(driven) if coverage is None else coverage.axes
     drives = _drives(store, shown)
-    # In the feature map, the tests to show come first.
-    order = [i for i in dict.fromkeys([*shown, *reading.mapped]) if i in reading.mapped]
-    mapped = {i: reading.mapped[i] for i in order}
-    cells = {axis: [axis.find(candidate) for _, candidate in mapped.values()] for axis in axes}
-    title = title_of(clusters, counts)
     table = table_of(tests, FailureAnalysis.of(store, clusters))
+    title = own_studies[0].headline if own_studies else title_of(clusters, counts)
     margin_sections = [margin_section(studies, config, store.folder)] if studies else []
-    if own_studies:
-        title = own_studies[0].headline
     return Report(
         title=title,
         sections=(
@@ -161,7 +153,7 @@ def campaign_report(
             *([] if coverage is None else [domain_section(coverage)]),
             *([] if swept is None else [sweep_section(swept, store.setting.lane_width)]),
             *([] if own_studies else margin_sections),
-            map_section({i: features for i, (features, _) in mapped.items()}, tests, cells),
+            _map_section(reading, shown, coverage),
             Section("tests", "All tests", (DataBlock("tests", {}),)),
             configuration_section(store.folder, config, store.facts),
             *sections,
@@ -177,6 +169,19 @@ def campaign_report(
         },
         finished_at=reading.finished_at,
     )
+
+
+def _map_section(
+    reading: Reading, shown: Sequence[int], coverage: DomainCoverage | None
+) -> Section:
+    """Return the section with the feature map, in which the tests to show come first."""
+    driven = [test.conditions for test in reading.tests if test.outcome.is_driven]
+    axes = varied_axes(driven) if coverage is None else coverage.axes
+    order = [i for i in dict.fromkeys([*shown, *reading.mapped]) if i in reading.mapped]
+    mapped = {i: reading.mapped[i] for i in order}
+    cells = {axis: [axis.find(candidate) for _, candidate in mapped.values()] for axis in axes}
+    features = {i: features for i, (features, _) in mapped.items()}
+    return map_section(features, reading.tests, cells)
 
 
 def _studies(folder: Path) -> tuple[tuple[Sequence[Rerun], Sequence[Margins]], str]:
