@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from made_up_margins import limits as made_up_limits
 
 from frenetic import (
     Controls,
@@ -219,6 +220,18 @@ def test_a_road_that_fails_as_usual_has_margin_0_and_is_named() -> None:
     assert margin.amount_text() == "usual"
     (shortfall,) = of_margins(margin).shortfalls([("delay", 0.1)]).values()
     assert shortfall == "delay: fails as usual, 0.1 s is needed"
+
+
+def test_the_drive_that_shows_a_margin_is_on_the_road_nearest_to_the_amount() -> None:
+    """Of 80 roads one fails early, which is less than 5 %."""
+    limits = made_up_limits(DELAY, 0.1, *[0.31] * 39, *[0.9] * 39, 2.0)
+    margin = ConditionMargin(DELAY, limits)
+    assert margin.example is limits[1]
+    assert of_margins(margin).shown_drives == [2]
+    never = ConditionMargin(DELAY, made_up_limits(DELAY, *[2.0] * 80))
+    assert never.example is None
+    assert of_margins(margin, never).shown_drives == [2]
+    assert [row[4] for row in of_margins(margin, never).rows] == ["2", ""]
 
 
 def test_both_sides_and_infinite_usual_amounts_have_their_own_limits() -> None:

@@ -36,6 +36,6 @@ def margins(folder: Path = Path("c")) -> Margins:
     measured = (
         ConditionMargin(DELAY, limits(DELAY, *[0.3] * 80), limits(DELAY, 0.2, 0.9)),
         ConditionMargin(FRICTION, limits(FRICTION, *[2.0] * 80), limits(FRICTION, 2.0, 2.0)),
-        ConditionMargin(VIEW, limits(VIEW, *[0.0] * 80), limits(VIEW, 0.0, 2.0)),
+        ConditionMargin(VIEW, limits(VIEW, *[0.0] * 80), limits(VIEW, 0.0, 0.5)),
     )
     return Margins(measured, "rural <80> $x$", part, part, seed=0, drives=9, folder=folder)
