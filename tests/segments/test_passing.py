@@ -26,7 +26,7 @@ def drive(curvatures: list[float]) -> tuple[Segment, Outcome]:
     return segment_of(road, driven, result.finding), result.outcome
 
 
-PASSES = [drive([0.0] * 4 + [bend] * 6 + [0.0] * 2) for bend in (0.02, -0.022, 0.02, -0.02)]
+PASSES = [drive([0.0] * 4 + [bend] * 6 + [0.0] * 2) for bend in (0.02, -0.022, 0.02, -0.02, 0.021)]
 FAILURE, _ = drive([0.0] * 4 + [0.045] * 10)
 
 
@@ -38,41 +38,35 @@ def passing() -> PassingDrives:
     return drives
 
 
-def test_speed_and_steering_are_those_of_bends_alike_to_either_side(
+def test_demand_and_steering_are_those_of_bends_alike_to_either_side(
     passing: PassingDrives,
 ) -> None:
-    speed, steering = passing.usual_speed(0.021), passing.usual_steering(-0.021)
-    assert isinstance(speed, Usual)
+    demand, steering = passing.usual_demand(0.021), passing.usual_steering(-0.021)
+    assert isinstance(demand, Usual)
     assert isinstance(steering, Usual)
-    records = np.concatenate(
-        [
-            np.column_stack(
-                [
-                    segment.road.curvature_at(segment.assessment.distance),
-                    segment.drive.trajectory.speed[: len(segment.assessment.distance)],
-                    segment.drive.trajectory.steering_input[: len(segment.assessment.distance)],
-                ]
-            )
-            for segment, _ in PASSES
-        ]
+    largest, into = [], []
+    for segment, _ in PASSES:
+        n = len(segment.assessment.distance)
+        curvature = segment.road.curvature_at(segment.assessment.distance)
+        path = segment.drive.trajectory
+        largest.append((path.speed[:n] ** 2 * np.abs(curvature)).max())  # each road has one bend
+        is_alike = np.abs(np.abs(curvature) - 0.021) <= 0.15 * 0.021
+        into.append((path.steering_input[:n] * np.sign(curvature))[is_alike])
+    np.testing.assert_allclose((demand.low, demand.high), np.quantile(largest, [0.25, 0.75]))
+    np.testing.assert_allclose(
+        (steering.low, steering.high), np.quantile(np.concatenate(into), [0.25, 0.75])
     )
-    alike = records[np.abs(np.abs(records[:, 0]) - 0.021) <= 0.15 * 0.021]
-    np.testing.assert_allclose((speed.low, speed.high), np.quantile(alike[:, 1], [0.25, 0.75]))
-    into = alike[:, 2] * np.sign(alike[:, 0])  # both sides are steered into, positively
-    np.testing.assert_allclose((steering.low, steering.high), np.quantile(into, [0.25, 0.75]))
-    assert (speed.drives, steering.drives) == (4, 4)
+    assert (demand.drives, steering.drives) == (len(PASSES), len(PASSES))
     assert 0.0 < steering.low < 0.021 * 3.5
-    assert speed.text == (
-        f"usually takes such bends at {speed.low * 3.6:.0f} to {speed.high * 3.6:.0f} km/h"
-        if round(speed.low * 3.6) != round(speed.high * 3.6)
-        else f"usually takes such bends at {speed.low * 3.6:.0f} km/h"
-    )
+    rounded = f"{demand.low:.0f}", f"{demand.high:.0f}"
+    text = " to ".join(dict.fromkeys(rounded))
+    assert demand.text == f"usually has {text} m/s² in such bends"
 
 
 def test_bends_unlike_those_of_passing_drives_and_straights_are_not_compared(
     passing: PassingDrives,
 ) -> None:
-    assert passing.usual_speed(0.06) is None
+    assert passing.usual_demand(0.06) is None
     assert passing.usual_steering(0.0005) is None
     assert PassingDrives.of(segment for segment, _ in PASSES[:2]) is None
 

@@ -14,7 +14,7 @@ from frenetic.oracle.drive import Drive
 from frenetic.oracle.outcome import Outcome
 from frenetic.oracle.verdict import Result
 from frenetic.road import Road
-from frenetic.segments.bends import place_text
+from frenetic.segments.bends import bend_of_place, bends_of, place_text
 from frenetic.segments.causes import Cause, Kind, Mistake, hold_time, mistake_of
 from frenetic.segments.commands import MOST_STEERING
 from frenetic.segments.departure import Departure
@@ -117,7 +117,7 @@ def evidence_of_result(
     before = departure.before_end(record)
     if segment.side is not None:
         text += f", {before:.1f} s before it leaves"
-    usual = _usual(cause.kind, passing, float(departure.curvature[account.record]))
+    usual = None if passing is None else _usual(cause.kind, passing, departure, account.record)
     if usual is not None:
         text += f" (in its passing drives it {usual.text})"
     speed = float(departure.speed[account.record])
@@ -148,20 +148,22 @@ def _mistake_of(segment: Segment, passing: PassingDrives | None) -> Mistake:
     return compared if compared.cause == mistake.cause else mistake
 
 
-def _usual(kind: Kind, passing: PassingDrives | None, curvature: float) -> Usual | None:
+def _usual(kind: Kind, passing: PassingDrives, departure: Departure, record: int) -> Usual | None:
     """Return what a driver does in passing drives instead of a mistake of this kind.
 
     Args:
         kind: kind of the mistake.
-        passing: passing drives, if they are known.
-        curvature: curvature of the road where the mistake is largest, in 1/m.
+        passing: passing drives.
+        departure: the departure.
+        record: record in which the mistake is largest.
     """
-    if passing is None:
-        return None
     if kind in _OF_SPEED:
-        return passing.usual_speed(curvature)
+        segment = departure.segment
+        bends = bends_of(segment.road.curvatures, segment.road.step)
+        bend = bend_of_place(bends, float(segment.assessment.distance[record]))
+        return None if bend is None else passing.usual_demand(bend.sharpest)
     if kind in _OF_STEERING:
-        return passing.usual_steering(curvature)
+        return passing.usual_steering(float(departure.curvature[record]))
     return passing.usual_offset() if kind in _OF_OFFSET else None
 
 
