@@ -1,0 +1,224 @@
+"""Signals that an FMU's inputs may get, and controls that its outputs may be."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Final, NamedTuple, TypeAlias
+
+import numpy as np
+
+from frenetic._support.arrays import FloatArray
+from frenetic._support.units import Unit, unit_named
+from frenetic.drivers import SpeedPlan
+from frenetic.drivers.builtin import speed_limits_ahead
+from frenetic.drivers.driver import AHEAD_SPACING, DriveSetup, Observation
+from frenetic.drivers.laws import setup_array
+
+
+class Scene(NamedTuple):
+    """What an input's value follows from."""
+
+    observation: Observation
+    setup: DriveSetup
+    plan: SpeedPlan
+
+
+class Signal(NamedTuple):
+    """A signal that an input may get."""
+
+    unit: str
+    about: str
+    value: Callable[[Scene], float]
+    """Function that returns the value."""
+    names: tuple[str, ...] = ()
+    """Other names, in compact spelling, see `frenetic._support.signal_names`."""
+
+
+class Preview(NamedTuple):
+    """A signal with a value at each distance ahead."""
+
+    unit: str
+    about: str
+    values: Callable[[Scene], FloatArray]
+    """Function that returns the values every `AHEAD_SPACING` m, from beside the car on, (n,)."""
+    names: tuple[str, ...] = ()
+
+
+class Control(NamedTuple):
+    """A control that an output may be."""
+
+    unit: str
+    about: str
+    names: tuple[str, ...] = ()
+
+
+def _observed(name: str) -> Callable[[Scene], float]:
+    """Return the function that reads an attribute of the observation."""
+    return lambda scene: float(getattr(scene.observation, name))
+
+
+def _of_setup(name: str) -> Callable[[Scene], float]:
+    """Return the function that reads an attribute of the setup."""
+    return lambda scene: float(getattr(scene.setup, name))
+
+
+def _limits(scene: Scene) -> FloatArray:
+    """Return the speed limits at the points ahead, (n,) in m/s."""
+    return speed_limits_ahead(scene.observation, setup_array(scene.setup))
+
+
+SIGNALS: Final[Mapping[str, Signal]] = {
+    "time": Signal("s", "since the start", _observed("time"), ("t",)),
+    "distance": Signal("m", "along the road", _observed("distance"), ("s", "arclength", "station")),
+    "speed": Signal(
+        "m/s",
+        "along the car",
+        _observed("speed"),
+        (
+            *("v", "vx", "vlong", "velocity", "currvelocity", "currentvelocity", "speedx"),
+            *("longitudinalvelocity", "longitudinalspeed", "velocityx"),
+        ),
+    ),
+    "lateral_speed": Signal(
+        "m/s", "across the car", _observed("lateral_speed"), ("vy", "lateralvelocity", "vlat")
+    ),
+    "yaw_rate": Signal(
+        "rad/s",
+        "",
+        _observed("yaw_rate"),
+        ("r", "psidot", "psip", "dpsi", "yawvelocity", "curryawrate", "omegaz", "wz"),
+    ),
+    "steering": Signal(
+        "rad",
+        "present angle of the front wheels",
+        _observed("steering"),
+        (
+            *("steeringangle", "delta", "deltaf", "currsteer", "currentsteering", "steer"),
+            *("roadwheelangle", "frontwheelangle", "measuredsteering", "steeringmeasured"),
+        ),
+    ),
+    "lateral_offset": Signal(
+        "m",
+        "of the car from the lane's centre",
+        _observed("lateral_offset"),
+        (
+            *("ey", "e1", "lateralerror", "lateraldeviation", "laterr", "erry", "yerr", "yerror"),
+            *("crosstrackerror", "cte", "lateraldistance", "offset", "deviation", "dlat"),
+        ),
+    ),
+    "heading_error": Signal(
+        "rad",
+        "heading of the car minus heading of the lane",
+        _observed("heading_error"),
+        (
+            *("epsi", "e2", "relativeyawangle", "yawerror", "psierr", "psierror", "etheta"),
+            *("headingdeviation", "yawangleerror", "orientationerror", "headingerr", "dtheta"),
+        ),
+    ),
+    "x": Signal("m", "of the car on the map", _observed("x"), ("posx", "xpos", "positionx")),
+    "y": Signal("m", "of the car on the map", _observed("y"), ("posy", "ypos", "positiony")),
+    "heading": Signal(
+        "rad", "of the car on the map", _observed("heading"), ("psi", "yaw", "theta")
+    ),
+    "target_speed": Signal(
+        "m/s",
+        "that Frenetic's planner would drive here",
+        lambda scene: scene.plan.speed(scene.observation),
+        (
+            *("vref", "refspeed", "refvelocity", "referencespeed", "setspeed", "vset", "vdes"),
+            *("desiredspeed", "vtarget", "targetvelocity", "speedref", "setvelocity"),
+        ),
+    ),
+    "period": Signal("s", "between two steps", _of_setup("period"), ("dt", "ts", "sampletime")),
+    "wheelbase": Signal("m", "of the car", _of_setup("wheelbase")),
+    "front_axle": Signal("m", "centre of mass to axle", _of_setup("front_axle"), ("lf",)),
+    "rear_axle": Signal("m", "centre of mass to axle", _of_setup("rear_axle"), ("lr",)),
+    "lane_width": Signal("m", "", _of_setup("lane_width")),
+    "max_steering": Signal("rad", "largest angle of the front wheels", _of_setup("max_steering")),
+}
+"""Signals by name, in our units; left is positive."""
+PREVIEWS: Final[Mapping[str, Preview]] = {
+    "curvature": Preview(
+        "1/m",
+        "of the lane",
+        lambda scene: scene.observation.curvature_ahead,
+        ("kappa", "roadcurvature", "pathcurvature", "lanecurvature", "kapparef", "curvatureref"),
+    ),
+    "path_x": Preview(
+        "m",
+        "of the lane's centre, ahead of the car",
+        lambda scene: scene.observation.ahead[:, 0],
+        ("xpath", "previewx", "xpreview", "lanex", "xref", "refx"),
+    ),
+    "path_y": Preview(
+        "m",
+        "of the lane's centre, left of the car",
+        lambda scene: scene.observation.ahead[:, 1],
+        ("ypath", "previewy", "ypreview", "laney", "yref", "refy"),
+    ),
+    "speed_limit": Preview("m/s", "", _limits, ("vmax", "maxspeed", "speedlimits", "vlimit")),
+}
+"""Signals with distances by name, in our units; without distances they are beside the car."""
+CONTROLS: Final[Mapping[str, Control]] = {
+    "steering": Control(
+        "rad",
+        "wanted angle of the front wheels",
+        (
+            *("steeringangle", "delta", "deltaf", "steer", "steercmd", "steeringcmd", "deltacmd"),
+            *("steeringcommand", "steeringanglecmd", "roadwheelangle", "frontwheelangle"),
+            *("steerangle", "deltaref", "steeringrequest", "steeringanglerequest", "wheelangle"),
+        ),
+    ),
+    "steering_share": Control("1", "-1..1 of the largest angle", ("steernorm", "steeringnorm")),
+    "curvature": Control(
+        "1/m", "to drive", ("kappa", "curvaturecmd", "kappacmd", "desiredcurvature", "kapparef")
+    ),
+    "throttle": Control(
+        "1", "0..1", ("accelerator", "accelpedal", "gas", "acceleratorpedal", "throttlecmd")
+    ),
+    "brake": Control("1", "0..1", ("brakepedal", "brakecmd", "braking")),
+    "pedal": Control("1", "-1..1: throttle above 0, brake below", ("throttlebrake",)),
+    "acceleration": Control(
+        "m/s2",
+        "along the car",
+        (
+            *("ax", "accel", "accelerationcmd", "accelcmd", "acccmd", "aref", "ades", "acmd"),
+            *("longitudinalacceleration", "desiredacceleration", "accelerationrequest"),
+        ),
+    ),
+}
+"""Controls by name, in our units."""
+LATERAL: Final = ("steering", "steering_share", "curvature")
+"""Controls of which one steers, the first that is there."""
+LONGITUDINAL: Final = (("throttle", "brake"), ("pedal",), ("acceleration",))
+"""Controls of which one group drives, the first that is there."""
+
+Source: TypeAlias = Callable[[Scene], FloatArray]
+
+
+def known_unit(name: str) -> Unit:
+    """Return a unit of the tables above."""
+    unit = unit_named(name)
+    assert unit is not None
+    return unit
+
+
+def source(name: str, distances: FloatArray) -> Source:
+    """Return the function of a signal's values.
+
+    Args:
+        name: name of a signal with or without distances.
+        distances: distances ahead, (n,) in m; a signal without distances has one value. Beyond the
+            view the last value holds.
+    """
+    if name in SIGNALS:
+        value = SIGNALS[name].value
+        return lambda scene: np.array([value(scene)])
+    values = PREVIEWS[name].values
+    positions = distances / AHEAD_SPACING
+
+    def at_distances(scene: Scene) -> FloatArray:
+        ahead = values(scene)
+        return np.interp(positions, np.arange(len(ahead)), ahead)
+
+    return at_distances
