@@ -31,7 +31,7 @@ class ExampleVariable(NamedTuple):
     name: str
     causality: Literal["input", "output", "parameter"]
     unit: str
-    """Name of a unit of `_UNITS`; another name is not defined; empty for none."""
+    """Name of a unit of `_UNITS`; another has no base unit; empty for none."""
     start: float | None = None
     """Start value; None for an output."""
     size: int = 1
@@ -135,11 +135,8 @@ def _compile(binary: Path, options: Iterable[str]) -> None:
 def _description(fmi: int, variables: Iterable[ExampleVariable], step: float | None) -> str:
     """Return the model description of the FMU, as XML."""
     variables = tuple(variables)
-    units = "".join(
-        f'<Unit name="{name}"><BaseUnit {base}/></Unit>'
-        for name, base in _UNITS.items()
-        if name in {variable.unit for variable in variables}
-    )
+    names = dict.fromkeys(variable.unit for variable in variables if variable.unit)
+    units = "".join(f'<Unit name="{name}">{_base_unit(name)}</Unit>' for name in names)
     of_version = _description_2 if fmi == 2 else _description_3
     head, elements, outputs = of_version(variables)
     experiment = "" if step is None else f'<DefaultExperiment stepSize="{step}"/>'
@@ -152,6 +149,11 @@ def _description(fmi: int, variables: Iterable[ExampleVariable], step: float | N
         f"{experiment}<ModelVariables>{''.join(elements)}</ModelVariables>"
         f"<ModelStructure>{outputs}</ModelStructure></fmiModelDescription>\n"
     )
+
+
+def _base_unit(name: str) -> str:
+    """Return the element of a unit's base unit; empty for a unit that only has a name."""
+    return f"<BaseUnit {_UNITS[name]}/>" if name in _UNITS else ""
 
 
 def _description_2(variables: Sequence[ExampleVariable]) -> tuple[str, list[str], str]:
