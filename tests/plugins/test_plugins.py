@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 PLUGINS = (
-    *("beamng", "bench", "commonroad", "competition", "dask", "gym", "metadrive"),
+    *("beamng", "bench", "commonroad", "competition", "dask", "fmu", "gym", "metadrive"),
     *("third_party", "twin", "vision"),
 )
 STRANGER = Path(__file__).parents[1] / "stranger"

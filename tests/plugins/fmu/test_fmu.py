@@ -75,8 +75,8 @@ class LaneKeeper:
     def act(self, observation: Observation) -> Controls:
         wanted = (
             math.atan(2.7 * observation.curvature_ahead[0])
-            - observation.heading_error
-            - math.atan(0.6 * observation.lateral_offset / (observation.speed + 2.0))
+            - 0.4 * observation.heading_error
+            - math.atan(0.5 * observation.lateral_offset / (observation.speed + 2.0))
         )
         wanted = min(max(wanted, -math.radians(8.0)), math.radians(8.0))
         self.steering += (1.0 - math.exp(-0.05 / 0.05)) * (wanted - self.steering)

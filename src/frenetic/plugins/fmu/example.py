@@ -44,10 +44,11 @@ VARIABLES: Final = (
     ExampleVariable("kappa", "input", "1/m", 0.0),
     ExampleVariable("v", "input", "m/s", 0.0),
     ExampleVariable("steeringAngle", "output", "deg"),
-    ExampleVariable("gain", "parameter", "1/s", 0.6),
+    ExampleVariable("gain", "parameter", "1/s", 0.5),
     ExampleVariable("wheelbase", "parameter", "m", 2.7),
     ExampleVariable("limit", "parameter", "deg", 8.0),
     ExampleVariable("lag", "parameter", "s", 0.05),
+    ExampleVariable("heading_gain", "parameter", "1", 0.4),
 )
 """Variables of the example."""
 _UNITS: Final = {

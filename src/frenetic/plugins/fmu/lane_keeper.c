@@ -25,9 +25,12 @@
 
 enum { OK, WARNING, DISCARD, ERROR, FATAL };
 /* Value references of modelDescription.xml. */
-enum { OFFSET, HEADING_ERROR, CURVATURE, SPEED, STEERING, GAIN, WHEELBASE, LIMIT, LAG, COUNT };
+enum {
+    OFFSET, HEADING_ERROR, CURVATURE, SPEED, STEERING,
+    GAIN, WHEELBASE, LIMIT, LAG, HEADING_GAIN, COUNT
+};
 
-static const double START[COUNT] = {0.0, 0.0, 0.0, 0.0, 0.0, 0.6, 2.7, 8.0, 0.05};
+static const double START[COUNT] = {0.0, 0.0, 0.0, 0.0, 0.0, 0.5, 2.7, 8.0, 0.05, 0.4};
 static const double DEGREES = 57.29577951308232;
 
 #if FMI == 2
@@ -63,7 +66,7 @@ static void say(Model *model, int status, const char *message) {
 #else
 static int law(Model *model, double time, double step) {
     double *v = model->values;
-    double wanted = atan(v[WHEELBASE] * v[CURVATURE]) - v[HEADING_ERROR]
+    double wanted = atan(v[WHEELBASE] * v[CURVATURE]) - v[HEADING_GAIN] * v[HEADING_ERROR]
                     - atan(v[GAIN] * v[OFFSET] / (v[SPEED] + 2.0));
     double limit = v[LIMIT] / DEGREES, share = v[LAG] > 0.0 ? 1.0 - exp(-step / v[LAG]) : 1.0;
     (void)time;
