@@ -27,7 +27,7 @@ _ENCRYPTED: Final = 1
 """Flag of an encrypted member of a zip."""
 
 
-class Archive:
+class FmuArchive:
     """The file of an FMU.
 
     Args:
@@ -122,7 +122,7 @@ class Archive:
         ]
 
 
-def read_archive(path: str) -> Archive:
+def read_archive(path: str) -> FmuArchive:
     """Read the file of an FMU.
 
     Raises:
@@ -137,14 +137,14 @@ def read_archive(path: str) -> Archive:
         raise ValueError(f"it cannot be read: {error.strerror or error}") from None
     if len(content) > _MOST_BYTES:
         raise ValueError(f"it is too large: more than {_MOST_BYTES / 2**20:.0f} MiB")
-    return Archive(content)
+    return FmuArchive(content)
 
 
 def _check_member(member: ZipInfo) -> None:
     """Check that a member of a zip is a plain file within the folder of the FMU.
 
     Raises:
-        ValueError: it is none, or it is encrypted.
+        ValueError: the member is a link or encrypted, or lies elsewhere.
     """
     name = member.orig_filename
     parts = name.split("/")

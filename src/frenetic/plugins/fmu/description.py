@@ -12,7 +12,7 @@ from typing import Any, Final, Self
 from frenetic._support.units import Unit, unit_named
 from frenetic._support.words import pip_install
 from frenetic.errors import FreneticError, describe_error
-from frenetic.plugins.fmu.archive import DESCRIPTION, Archive
+from frenetic.plugins.fmu.archive import DESCRIPTION, FmuArchive
 
 _MOST_TEXT: Final = 300
 """Largest number of characters of a reason in a message; our choice."""
@@ -65,13 +65,11 @@ class Description:
     """Time at which a simulation starts, in s."""
     step: float | None
     """Preferred step size, in s; None if the description names none."""
-    log_categories: tuple[str, ...]
-    """Categories of the log that are about errors."""
     folder: str
     """Folder of this machine's binaries in the archive."""
 
     @classmethod
-    def of(cls, archive: Archive) -> Self:
+    def of(cls, archive: FmuArchive) -> Self:
         """Read the description of an FMU.
 
         Raises:
@@ -97,11 +95,6 @@ class Description:
             variables=_variables(model),
             start_time=_number(getattr(experiment, "startTime", None)) or 0.0,
             step=_number(getattr(experiment, "stepSize", None)) or None,
-            log_categories=tuple(
-                category.name
-                for category in model.logCategories
-                if re.search("error|fatal|discard", str(category.name), re.I)
-            ),
             folder=folder,
         )
 
@@ -114,7 +107,7 @@ class Description:
         }
 
 
-def _read(archive: Archive) -> Any:
+def _read(archive: FmuArchive) -> Any:
     """Return the description as fmpy reads and validates it.
 
     Raises:
@@ -143,7 +136,7 @@ def _read(archive: Archive) -> Any:
     raise ValueError(f"its {DESCRIPTION} is damaged: {reason}")
 
 
-def _require_binary(archive: Archive, binary: str) -> None:
+def _require_binary(archive: FmuArchive, binary: str) -> None:
     """Check that an FMU has a binary for this machine.
 
     Raises:

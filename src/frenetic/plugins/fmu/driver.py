@@ -18,7 +18,7 @@ from frenetic.plugins.fmu.archive import read_archive
 from frenetic.plugins.fmu.description import Description, Variable
 from frenetic.plugins.fmu.instance import FmuError, Instance, Values
 from frenetic.plugins.fmu.links import InputLink, Links, OutputLink
-from frenetic.plugins.fmu.signals import LONGITUDINAL, Scene
+from frenetic.plugins.fmu.signals import LONGITUDINAL, Moment
 from frenetic.plugins.fmu.table import SignalTable
 
 PERIOD: Final = 0.05
@@ -45,13 +45,11 @@ class _Input(NamedTuple):
     constants: Sequence[bool | float] = ()
     """Values in place of links."""
 
-    def numbers(self, scene: Scene) -> Sequence[float]:
+    def numbers(self, moment: Moment) -> Sequence[float]:
         """Return the inputs' values, in their units."""
         if self.constants:
             return self.constants
-        return [
-            link.factor * number for link in self.links for number in link.source(scene).tolist()
-        ]
+        return [link.factor * number for link in self.links for number in link.source(moment)]
 
 
 class _Running:
@@ -212,8 +210,8 @@ class Fmu:
         """
         instance = self._running.instance
         assert instance is not None
-        scene = Scene(observation, self._setup, self._plan)
-        instance.set_inputs([(access.values, access.numbers(scene)) for access in self._inputs])
+        moment = Moment(observation, self._setup, self._plan)
+        instance.set_inputs([(access.values, access.numbers(moment)) for access in self._inputs])
         for _ in range(steps):
             instance.step(self._step)
         values: dict[str, float] = {}

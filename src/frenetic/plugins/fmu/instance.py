@@ -114,13 +114,10 @@ class Instance:
         finally:
             os.chdir(before)  # fmpy stays in another folder if the library cannot be loaded
         if description.fmi == 2:
-            component.instantiate(callbacks=self._callbacks())
+            component.instantiate(callbacks=self._callbacks(), loggingOn=True)
         else:
-            component.instantiate(logMessage=self._log_3)
+            component.instantiate(logMessage=self._log_3, loggingOn=True)
         self._component = component
-        if description.log_categories:
-            with suppress(Exception):  # what it logs is no condition of its working
-                component.setDebugLogging(True, description.log_categories)
         if description.fmi == 2:
             component.setupExperiment(startTime=self._time)
 

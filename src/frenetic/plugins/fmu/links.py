@@ -25,7 +25,7 @@ from frenetic.plugins.fmu.signals import (
     known_unit,
     source,
 )
-from frenetic.plugins.fmu.table import START, Entry, Link, SignalTable
+from frenetic.plugins.fmu.table import START, Entry, SignalLink, SignalTable
 
 _ELEMENT: Final = re.compile(r"(.*)\[(\d+)\]")
 """Name of an element of an array, such as ``kappa[3]``."""
@@ -61,7 +61,7 @@ class Links:
 
     @classmethod
     def of(cls, description: Description, table: SignalTable) -> Links:
-        """Link the variables of an FMU.
+        """SignalLink the variables of an FMU.
 
         Raises:
             ValueError: an input has no source, no output steers, two outputs are one control, or an
@@ -111,7 +111,7 @@ def _arrays(inputs: Mapping[str, Variable], entries: Iterable[str]) -> dict[str,
 
 def _entry(
     name: str, variables: Sequence[Variable], entries: Mapping[str, Entry]
-) -> Entry | Link | None:
+) -> Entry | SignalLink | None:
     """Return the entry of an input: of the table, else the signal of its name; None if unknown."""
     if name in entries:
         entry = entries[name]
@@ -121,13 +121,13 @@ def _entry(
     return recognised(name, {signal: item.names for signal, item in _INPUTS.items()})
 
 
-def _input_link(name: str, variables: Sequence[Variable], entry: str | Link) -> InputLink:
+def _input_link(name: str, variables: Sequence[Variable], entry: str | SignalLink) -> InputLink:
     """Return the link of an input.
 
     Raises:
         ValueError: there is no such signal, or the signal does not suit the input.
     """
-    link = entry if isinstance(entry, Link) else Link(signal=entry)
+    link = entry if isinstance(entry, SignalLink) else SignalLink(signal=entry)
     if link.signal not in _INPUTS:
         raise ValueError(
             f"its input {name}: there is no signal {link.signal!r}{hint(link.signal, _INPUTS)}"
@@ -141,7 +141,7 @@ def _input_link(name: str, variables: Sequence[Variable], entry: str | Link) -> 
     return InputLink(variables, source(link.signal, _distances(name, size, link)), factor)
 
 
-def _distances(name: str, size: int, link: Link) -> FloatArray:
+def _distances(name: str, size: int, link: SignalLink) -> FloatArray:
     """Return the distances ahead of an input's elements, (size,) in m.
 
     Raises:
@@ -164,7 +164,7 @@ def _distances(name: str, size: int, link: Link) -> FloatArray:
     return AHEAD_SPACING * np.arange(size, dtype=np.float64)
 
 
-def _factor(kind: str, variable: Variable, link: Link, unit: Unit) -> float:
+def _factor(kind: str, variable: Variable, link: SignalLink, unit: Unit) -> float:
     """Return the number of our units in one of a variable's units.
 
     Raises:
@@ -189,7 +189,7 @@ def _factor(kind: str, variable: Variable, link: Link, unit: Unit) -> float:
 
 
 def _output_links(
-    outputs: Mapping[str, Variable], entries: Mapping[str, str | Link]
+    outputs: Mapping[str, Variable], entries: Mapping[str, str | SignalLink]
 ) -> list[OutputLink]:
     """Return the links of the outputs that steer and drive.
 
@@ -207,12 +207,12 @@ def _output_links(
             raise ValueError(f"its output {name} is no number: the {link.signal} is one")
     names = {control: item.names for control, item in CONTROLS.items()}
     guesses = {
-        name: Link(signal=control)
+        name: SignalLink(signal=control)
         for name, variable in outputs.items()
         if name not in links and variable.size == 1 and variable.python_type is not str
         if (control := recognised(name, names)) is not None
     }
-    chosen: dict[str, Link] = {}
+    chosen: dict[str, SignalLink] = {}
     for groups in ([(control,) for control in LATERAL], LONGITUDINAL):
         for candidates in (links, guesses):  # what the table says comes before what names say
             group = _first_group(candidates, groups)
@@ -236,8 +236,8 @@ def _output_links(
 
 
 def _first_group(
-    links: Mapping[str, Link], groups: Iterable[tuple[str, ...]]
-) -> dict[str, Link] | None:
+    links: Mapping[str, SignalLink], groups: Iterable[tuple[str, ...]]
+) -> dict[str, SignalLink] | None:
     """Return the outputs of the first group of controls that there are; None without any.
 
     Raises:
@@ -257,9 +257,9 @@ def _first_group(
     return None
 
 
-def _as_link(entry: str | Link) -> Link:
+def _as_link(entry: str | SignalLink) -> SignalLink:
     """Return an entry of the table as a link."""
-    return entry if isinstance(entry, Link) else Link(signal=entry)
+    return entry if isinstance(entry, SignalLink) else SignalLink(signal=entry)
 
 
 def _require_known(kind: str, entries: Iterable[str], known: Iterable[str]) -> None:

@@ -15,7 +15,7 @@ from frenetic.drivers.driver import AHEAD_SPACING, DriveSetup, Observation
 from frenetic.drivers.laws import setup_array
 
 
-class Scene(NamedTuple):
+class Moment(NamedTuple):
     """What an input's value follows from."""
 
     observation: Observation
@@ -23,28 +23,28 @@ class Scene(NamedTuple):
     plan: SpeedPlan
 
 
-class Signal(NamedTuple):
+class InputSignal(NamedTuple):
     """A signal that an input may get."""
 
     unit: str
     about: str
-    value: Callable[[Scene], float]
+    value: Callable[[Moment], float]
     """Function that returns the value."""
     names: tuple[str, ...] = ()
     """Other names, in compact spelling, see `frenetic._support.signal_names`."""
 
 
-class Preview(NamedTuple):
+class PreviewSignal(NamedTuple):
     """A signal with a value at each distance ahead."""
 
     unit: str
     about: str
-    values: Callable[[Scene], FloatArray]
+    values: Callable[[Moment], FloatArray]
     """Function that returns the values every `AHEAD_SPACING` m, from beside the car on, (n,)."""
     names: tuple[str, ...] = ()
 
 
-class Control(NamedTuple):
+class OutputControl(NamedTuple):
     """A control that an output may be."""
 
     unit: str
@@ -52,25 +52,27 @@ class Control(NamedTuple):
     names: tuple[str, ...] = ()
 
 
-def _observed(name: str) -> Callable[[Scene], float]:
+def _observed(name: str) -> Callable[[Moment], float]:
     """Return the function that reads an attribute of the observation."""
-    return lambda scene: float(getattr(scene.observation, name))
+    return lambda moment: float(getattr(moment.observation, name))
 
 
-def _of_setup(name: str) -> Callable[[Scene], float]:
+def _of_setup(name: str) -> Callable[[Moment], float]:
     """Return the function that reads an attribute of the setup."""
-    return lambda scene: float(getattr(scene.setup, name))
+    return lambda moment: float(getattr(moment.setup, name))
 
 
-def _limits(scene: Scene) -> FloatArray:
+def _limits(moment: Moment) -> FloatArray:
     """Return the speed limits at the points ahead, (n,) in m/s."""
-    return speed_limits_ahead(scene.observation, setup_array(scene.setup))
+    return speed_limits_ahead(moment.observation, setup_array(moment.setup))
 
 
-SIGNALS: Final[Mapping[str, Signal]] = {
-    "time": Signal("s", "since the start", _observed("time"), ("t",)),
-    "distance": Signal("m", "along the road", _observed("distance"), ("s", "arclength", "station")),
-    "speed": Signal(
+SIGNALS: Final[Mapping[str, InputSignal]] = {
+    "time": InputSignal("s", "since the start", _observed("time"), ("t",)),
+    "distance": InputSignal(
+        "m", "along the road", _observed("distance"), ("s", "arclength", "station")
+    ),
+    "speed": InputSignal(
         "m/s",
         "along the car",
         _observed("speed"),
@@ -79,16 +81,16 @@ SIGNALS: Final[Mapping[str, Signal]] = {
             *("longitudinalvelocity", "longitudinalspeed", "velocityx"),
         ),
     ),
-    "lateral_speed": Signal(
+    "lateral_speed": InputSignal(
         "m/s", "across the car", _observed("lateral_speed"), ("vy", "lateralvelocity", "vlat")
     ),
-    "yaw_rate": Signal(
+    "yaw_rate": InputSignal(
         "rad/s",
         "",
         _observed("yaw_rate"),
         ("r", "psidot", "psip", "dpsi", "yawvelocity", "curryawrate", "omegaz", "wz"),
     ),
-    "steering": Signal(
+    "steering": InputSignal(
         "rad",
         "present angle of the front wheels",
         _observed("steering"),
@@ -97,7 +99,7 @@ SIGNALS: Final[Mapping[str, Signal]] = {
             *("roadwheelangle", "frontwheelangle", "measuredsteering", "steeringmeasured"),
         ),
     ),
-    "lateral_offset": Signal(
+    "lateral_offset": InputSignal(
         "m",
         "of the car from the lane's centre",
         _observed("lateral_offset"),
@@ -106,7 +108,7 @@ SIGNALS: Final[Mapping[str, Signal]] = {
             *("crosstrackerror", "cte", "lateraldistance", "offset", "deviation", "dlat"),
         ),
     ),
-    "heading_error": Signal(
+    "heading_error": InputSignal(
         "rad",
         "heading of the car minus heading of the lane",
         _observed("heading_error"),
@@ -115,52 +117,56 @@ SIGNALS: Final[Mapping[str, Signal]] = {
             *("headingdeviation", "yawangleerror", "orientationerror", "headingerr", "dtheta"),
         ),
     ),
-    "x": Signal("m", "of the car on the map", _observed("x"), ("posx", "xpos", "positionx")),
-    "y": Signal("m", "of the car on the map", _observed("y"), ("posy", "ypos", "positiony")),
-    "heading": Signal(
+    "x": InputSignal("m", "of the car on the map", _observed("x"), ("posx", "xpos", "positionx")),
+    "y": InputSignal("m", "of the car on the map", _observed("y"), ("posy", "ypos", "positiony")),
+    "heading": InputSignal(
         "rad", "of the car on the map", _observed("heading"), ("psi", "yaw", "theta")
     ),
-    "target_speed": Signal(
+    "target_speed": InputSignal(
         "m/s",
         "that Frenetic's planner would drive here",
-        lambda scene: scene.plan.speed(scene.observation),
+        lambda moment: moment.plan.speed(moment.observation),
         (
             *("vref", "refspeed", "refvelocity", "referencespeed", "setspeed", "vset", "vdes"),
             *("desiredspeed", "vtarget", "targetvelocity", "speedref", "setvelocity"),
         ),
     ),
-    "period": Signal("s", "between two steps", _of_setup("period"), ("dt", "ts", "sampletime")),
-    "wheelbase": Signal("m", "of the car", _of_setup("wheelbase")),
-    "front_axle": Signal("m", "centre of mass to axle", _of_setup("front_axle"), ("lf",)),
-    "rear_axle": Signal("m", "centre of mass to axle", _of_setup("rear_axle"), ("lr",)),
-    "lane_width": Signal("m", "", _of_setup("lane_width")),
-    "max_steering": Signal("rad", "largest angle of the front wheels", _of_setup("max_steering")),
+    "period": InputSignal(
+        "s", "between two steps", _of_setup("period"), ("dt", "ts", "sampletime")
+    ),
+    "wheelbase": InputSignal("m", "of the car", _of_setup("wheelbase")),
+    "front_axle": InputSignal("m", "centre of mass to axle", _of_setup("front_axle"), ("lf",)),
+    "rear_axle": InputSignal("m", "centre of mass to axle", _of_setup("rear_axle"), ("lr",)),
+    "lane_width": InputSignal("m", "", _of_setup("lane_width")),
+    "max_steering": InputSignal(
+        "rad", "largest angle of the front wheels", _of_setup("max_steering")
+    ),
 }
 """Signals by name, in our units; left is positive."""
-PREVIEWS: Final[Mapping[str, Preview]] = {
-    "curvature": Preview(
+PREVIEWS: Final[Mapping[str, PreviewSignal]] = {
+    "curvature": PreviewSignal(
         "1/m",
         "of the lane",
-        lambda scene: scene.observation.curvature_ahead,
+        lambda moment: moment.observation.curvature_ahead,
         ("kappa", "roadcurvature", "pathcurvature", "lanecurvature", "kapparef", "curvatureref"),
     ),
-    "path_x": Preview(
+    "path_x": PreviewSignal(
         "m",
         "of the lane's centre, ahead of the car",
-        lambda scene: scene.observation.ahead[:, 0],
+        lambda moment: moment.observation.ahead[:, 0],
         ("xpath", "previewx", "xpreview", "lanex", "xref", "refx"),
     ),
-    "path_y": Preview(
+    "path_y": PreviewSignal(
         "m",
         "of the lane's centre, left of the car",
-        lambda scene: scene.observation.ahead[:, 1],
+        lambda moment: moment.observation.ahead[:, 1],
         ("ypath", "previewy", "ypreview", "laney", "yref", "refy"),
     ),
-    "speed_limit": Preview("m/s", "", _limits, ("vmax", "maxspeed", "speedlimits", "vlimit")),
+    "speed_limit": PreviewSignal("m/s", "", _limits, ("vmax", "maxspeed", "speedlimits", "vlimit")),
 }
 """Signals with distances by name, in our units; without distances they are beside the car."""
-CONTROLS: Final[Mapping[str, Control]] = {
-    "steering": Control(
+CONTROLS: Final[Mapping[str, OutputControl]] = {
+    "steering": OutputControl(
         "rad",
         "wanted angle of the front wheels",
         (
@@ -169,16 +175,18 @@ CONTROLS: Final[Mapping[str, Control]] = {
             *("steerangle", "deltaref", "steeringrequest", "steeringanglerequest", "wheelangle"),
         ),
     ),
-    "steering_share": Control("1", "-1..1 of the largest angle", ("steernorm", "steeringnorm")),
-    "curvature": Control(
+    "steering_share": OutputControl(
+        "1", "-1..1 of the largest angle", ("steernorm", "steeringnorm")
+    ),
+    "curvature": OutputControl(
         "1/m", "to drive", ("kappa", "curvaturecmd", "kappacmd", "desiredcurvature", "kapparef")
     ),
-    "throttle": Control(
+    "throttle": OutputControl(
         "1", "0..1", ("accelerator", "accelpedal", "gas", "acceleratorpedal", "throttlecmd")
     ),
-    "brake": Control("1", "0..1", ("brakepedal", "brakecmd", "braking")),
-    "pedal": Control("1", "-1..1: throttle above 0, brake below", ("throttlebrake",)),
-    "acceleration": Control(
+    "brake": OutputControl("1", "0..1", ("brakepedal", "brakecmd", "braking")),
+    "pedal": OutputControl("1", "-1..1: throttle above 0, brake below", ("throttlebrake",)),
+    "acceleration": OutputControl(
         "m/s2",
         "along the car",
         (
@@ -193,7 +201,8 @@ LATERAL: Final = ("steering", "steering_share", "curvature")
 LONGITUDINAL: Final = (("throttle", "brake"), ("pedal",), ("acceleration",))
 """Controls of which one group drives, the first that is there."""
 
-Source: TypeAlias = Callable[[Scene], FloatArray]
+Source: TypeAlias = Callable[[Moment], list[float]]
+"""Function that returns the values of the elements of an input."""
 
 
 def known_unit(name: str) -> Unit:
@@ -213,12 +222,15 @@ def source(name: str, distances: FloatArray) -> Source:
     """
     if name in SIGNALS:
         value = SIGNALS[name].value
-        return lambda scene: np.array([value(scene)])
+        return lambda moment: [value(moment)]
     values = PREVIEWS[name].values
     positions = distances / AHEAD_SPACING
+    if not positions.any():
+        return lambda moment: [float(values(moment)[0])] * len(positions)
 
-    def at_distances(scene: Scene) -> FloatArray:
-        ahead = values(scene)
-        return np.interp(positions, np.arange(len(ahead)), ahead)
+    def at_distances(moment: Moment) -> list[float]:
+        ahead = values(moment)
+        interpolated: list[float] = np.interp(positions, np.arange(len(ahead)), ahead).tolist()
+        return interpolated
 
     return at_distances

@@ -18,7 +18,7 @@ _MOST_DISTANCES: Final = 1000
 """Largest number of distances of a signal; our choice."""
 
 
-class Link(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+class SignalLink(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """What a variable is: ``variable = factor * signal``, in the variable's unit."""
 
     signal: str
@@ -37,7 +37,7 @@ class Link(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
             raise ValueError(f"the unit {self.unit!r} is not known; known: {known_units()}")
 
 
-Entry: TypeAlias = bool | float | str | Link
+Entry: TypeAlias = bool | float | str | SignalLink
 """Entry of an input: a constant in its unit, a signal's name, `START`, or a link."""
 
 
@@ -46,7 +46,7 @@ class SignalTable(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True)
 
     inputs: Mapping[str, Entry] = {}
     """Input -> its signal."""
-    outputs: Mapping[str, str | Link] = {}
+    outputs: Mapping[str, str | SignalLink] = {}
     """Output -> its control."""
     parameters: Mapping[str, bool | float | str] = {}
     """Parameter -> its value, in its unit; the name of a signal of the car for this signal."""
