@@ -566,6 +566,7 @@ REFUSED = [
         described("?><fmi", '?><!DOCTYPE a [<!ENTITY b SYSTEM "/etc/passwd">]><fmi'),
         "has a document type",
     ),
+    (described("UTF-8", "UTF-7"), "says that it is UTF-7: FMI needs UTF-8"),
     (described("CoSimulation", "ModelExchange"), "it is an FMU for model exchange: export it for"),
     (described('modelIdentifier="m"', 'modelIdentifier="../m"'), "it has no binaries/"),
     (zipped((NAME, XML), ("binaries/amiga/m.so", "x")), "its platforms are amiga"),

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import stat
 import zlib
+from collections.abc import Iterator
 from io import BytesIO
 from pathlib import Path, PurePosixPath
 from typing import Final
@@ -23,6 +24,8 @@ _MOST_DESCRIPTION: Final = 2**26
 """Largest size of a model description, in bytes; our choice."""
 _MOST_MEMBERS: Final = 20_000
 """Largest number of files in an FMU; our choice."""
+_CHUNK: Final = 2**20
+"""Number of bytes that are read at once; our choice."""
 _ENCRYPTED: Final = 1
 """Flag of an encrypted member of a zip."""
 
@@ -68,8 +71,18 @@ class FmuArchive:
         (member,) = (member for member in self._members if member.filename == DESCRIPTION)
         if member.file_size > _MOST_DESCRIPTION:
             raise ValueError(f"its {DESCRIPTION} has {member.file_size} bytes: too many")
-        with ZipFile(BytesIO(self.content)) as archive:
-            return _read(archive, member)
+        return b"".join(self._chunks(member))
+
+    def description_alone(self) -> BytesIO:
+        """Return a zip that holds the model description and nothing else.
+
+        Raises:
+            ValueError: it is damaged or too large.
+        """
+        file = BytesIO()
+        with ZipFile(file, "w") as archive:
+            archive.writestr(DESCRIPTION, self.description)
+        return file
 
     def check_contents(self, folder: str) -> None:
         """Check the members that `unpacked` unpacks, by their sizes and checksums.
@@ -87,9 +100,9 @@ class FmuArchive:
                 f"it is too large: {size / 2**20:.0f} MiB unpacked, at most"
                 f" {_MOST_UNPACKED / 2**20:.0f} MiB are allowed"
             )
-        with ZipFile(BytesIO(self.content)) as archive:
-            for member in members:
-                _read(archive, member)
+        for member in members:
+            for _ in self._chunks(member):
+                pass
 
     def unpacked(self, folder: str) -> Path:
         """Return a folder with this machine's binaries and the resources, unpacked once a process.
@@ -103,14 +116,35 @@ class FmuArchive:
         """
 
         def fill(place: Path) -> None:
-            with ZipFile(BytesIO(self.content)) as archive:
-                for member in self._needed(folder):
-                    target = place.joinpath(*PurePosixPath(member.filename).parts)
-                    target.parent.mkdir(parents=True, exist_ok=True)
-                    target.write_bytes(_read(archive, member))
+            for member in self._needed(folder):
+                target = place.joinpath(*PurePosixPath(member.filename).parts)
+                target.parent.mkdir(parents=True, exist_ok=True)
+                with target.open("wb") as file:
+                    file.writelines(self._chunks(member))
             (place / "resources").mkdir(exist_ok=True)  # FMUs get its path, with files or without
 
         return private_folder(self.digest, fill)
+
+    def _chunks(self, member: ZipInfo) -> Iterator[bytes]:
+        """Yield the bytes of a member in pieces.
+
+        Raises:
+            ValueError: the member is damaged.
+        """
+        try:
+            with ZipFile(BytesIO(self.content)) as archive, archive.open(member) as file:
+                while chunk := file.read(_CHUNK):
+                    yield chunk
+        except (
+            BadZipFile,
+            zlib.error,
+            EOFError,
+            OSError,
+            ValueError,
+            NotImplementedError,
+        ) as error:
+            name = member.filename[:80]
+            raise ValueError(f"it is damaged: {name!r}: {error}") from None
 
     def _needed(self, folder: str) -> list[ZipInfo]:
         """Return the members that an FMU needs to run on this machine."""
@@ -155,15 +189,3 @@ def _check_member(member: ZipInfo) -> None:
         raise ValueError(f"it is no FMU: {name[:80]!r} is a link, where a file is needed")
     if member.flag_bits & _ENCRYPTED:
         raise ValueError(f"it is encrypted: {name[:80]!r}")
-
-
-def _read(archive: ZipFile, member: ZipInfo) -> bytes:
-    """Return the bytes of a member.
-
-    Raises:
-        ValueError: the member is damaged.
-    """
-    try:
-        return archive.read(member)
-    except (BadZipFile, zlib.error, EOFError, OSError, ValueError, NotImplementedError) as error:
-        raise ValueError(f"it is damaged: {member.filename[:80]!r}: {error}") from None

@@ -6,7 +6,6 @@ import math
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass
-from io import BytesIO
 from typing import Any, Final, Self
 
 from frenetic._support.units import Unit, unit_named
@@ -121,11 +120,14 @@ def _read(archive: FmuArchive) -> Any:
         raise ValueError(f"its {DESCRIPTION} is damaged: it is no UTF-8") from None
     if re.search(r"<!(DOCTYPE|ENTITY)", text):  # they may name files of this machine
         raise ValueError(f"its {DESCRIPTION} has a document type, which FMI does not know")
+    encoding = re.match(r"\s*<\?xml[^>]*\sencoding\s*=\s*[\"']([^\"']*)", text)
+    if encoding is not None and encoding[1].lower() not in ("utf-8", "utf8", "us-ascii"):
+        raise ValueError(f"its {DESCRIPTION} says that it is {encoding[1][:20]}: FMI needs UTF-8")
     version = re.search(r"<fmiModelDescription\s[^>]*?fmiVersion\s*=\s*[\"']([^\"']*)", text)
     if version is None or version[1][:2] not in ("2.", "3."):
         raise ValueError(f"it has FMI {version[1][:9] if version else '?'}: 2.0 or 3.0 is needed")
     try:
-        return read_model_description(BytesIO(archive.content))
+        return read_model_description(archive.description_alone())
     except ValidationError as error:
         problems = [str(problem) for problem in error.problems]
         more = f" (and {len(problems) - 1} more)" if problems[1:] else ""

@@ -146,7 +146,7 @@ class Fmu:
         Raises:
             ValueError: there is no such parameter, or its value has another type.
         """
-        known = self._description.with_causality("parameter", "structuralParameter")
+        known = self._description.with_causality("parameter")
         values = {**self._table.parameters, **self._given_parameters}
         for name, value in values.items():
             if name not in known:
