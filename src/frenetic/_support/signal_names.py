@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Final
 
 from frenetic._support.units import Unit, unit_named
@@ -15,9 +15,14 @@ _IDLE_WORDS: Final = frozenset(
 )
 """Words that do not say which signal it is."""
 _UNIT_WORDS: Final = frozenset(
-    ["kmh", "kph", "mps", "deg", "rad", "degps", "radps", "dps", "mps2", "percent"]
+    [
+        *("kmh", "kph", "mps", "deg", "rad", "degps", "radps", "dps", "mps2", "percent"),
+        *("s", "m", "m/s", "km/h", "rad/s", "deg/s", "m/s2", "/m"),
+    ]
 )
-"""Last words of a name that name the signal's unit."""
+"""Units with which a name may end; "per" stands for a slash, as in ``speed_m_per_s``."""
+_MOST_UNIT_WORDS: Final = 4
+"""Largest number of words of a unit: ``m_per_s_2`` has four."""
 
 
 def bare_name(name: str) -> str:
@@ -36,16 +41,25 @@ def spellings(name: str) -> list[str]:
     A unit at its end and words that say nothing, such as ``ego``, are left out in turn.
     """
     words = _words(name)
-    if words[1:] and words[-1] in _UNIT_WORDS:
-        words = words[:-1]
+    count, _ = _unit_at_end(words)
+    words = words[: len(words) - count]
     telling = [word for word in words if word not in _IDLE_WORDS]
     return list(dict.fromkeys([compact(name), "".join(words), "".join(telling)]))
 
 
 def unit_in_name(name: str) -> Unit | None:
     """Return the unit that a name ends with, as ``speed_kmh`` does; None without one."""
-    words = _words(name)
-    return unit_named(words[-1]) if words[1:] and words[-1] in _UNIT_WORDS else None
+    _, text = _unit_at_end(_words(name))
+    return unit_named(f"1{text}" if text[:1] == "/" else text) if text else None
+
+
+def _unit_at_end(words: Sequence[str]) -> tuple[int, str]:
+    """Return the number of words with which a name says a unit, and the unit; 0 without one."""
+    for count in range(min(_MOST_UNIT_WORDS, len(words) - 1), 0, -1):
+        text = "".join("/" if word == "per" else word for word in words[-count:])
+        if text in _UNIT_WORDS:
+            return count, text
+    return 0, ""
 
 
 def recognised(name: str, names: Mapping[str, Iterable[str]]) -> str | None:

@@ -8,7 +8,7 @@ from collections.abc import Iterator, Mapping
 from contextlib import ExitStack, chdir
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import click
 
@@ -23,6 +23,12 @@ from frenetic.cli.drive_plan import (
     plan_for_campaign,
     plan_for_file,
     plan_for_map,
+)
+from frenetic.cli.drive_recording import (
+    compare_drive,
+    draw_comparison,
+    print_comparison,
+    read_compared,
 )
 from frenetic.cli.drive_trace import TraceFile
 from frenetic.cli.entries import entry_option, entry_options, part_options, trust_option
@@ -41,6 +47,7 @@ if TYPE_CHECKING:
     from frenetic.campaign import RoadTester
     from frenetic.oracle.drive import Drive
     from frenetic.oracle.verdict import Result
+    from frenetic.recordings import Recording, RecordingComparison
     from frenetic.road import Road
     from frenetic.spec import Spec
 
@@ -68,6 +75,12 @@ if TYPE_CHECKING:
     is_flag=True,
     help="PlotJuggler and Foxglove layouts beside the trace.",
 )
+@click.option(
+    "--compare",
+    metavar="RECORDING",
+    help="Compare with a recorded drive on this road: CSV or MDF, such as run.mf4 or"
+    " run.mf4,signals=table.toml. --plot then draws both.",
+)
 @lane_option
 @road_option
 @json_option
@@ -82,6 +95,7 @@ def drive(
     plot: Path | None,
     trace: Path | None,
     has_layouts: bool,
+    compare: str | None,
     lane: int | None,
     map_roads: str | None,
     as_json: bool,
@@ -100,8 +114,10 @@ def drive(
     options = CommandOptions.of(context)
     trace_file = TraceFile.of(trace, has_layouts=has_layouts)
     if manoeuvre is not None:
-        if source is not None or dry or lane is not None or map_roads is not None:
-            raise click.UsageError("--manoeuvre has a road of its own: name no road, lane or --dry")
+        if any(value is not None for value in (source, lane, map_roads, compare)) or dry:
+            raise click.UsageError(
+                "--manoeuvre has a road of its own: name no road, lane, recording or --dry"
+            )
         if options.says("map_size"):
             raise click.UsageError("--manoeuvre needs no map: leave out --map-size")
         with as_usage_error():
@@ -114,12 +130,9 @@ def drive(
     else:
         plan = _plan(options, source, test_ids, lane, map_roads, is_dry=dry)
         has_one_road = len(plan.targets) == 1
-        for option, value in (("--plot draws", plot), ("--trace holds", trace)):
-            if value is not None and (dry or not has_one_road):
-                raise click.UsageError(
-                    f"{option} one drive: leave it out with --dry or several roads"
-                )
-        documents = _judge(plan) if dry else _drive(plan, plot, trace_file, is_quiet=as_json)
+        _require_one_drive(plot, trace, compare, is_one=has_one_road and not dry)
+        outputs = Outputs(plot, trace_file, read_compared(compare))
+        documents = _judge(plan) if dry else _drive(plan, outputs, is_quiet=as_json)
         if as_json:
             echo(json.dumps(documents[0] if has_one_road and map_roads is None else documents))
         elif dry:
@@ -131,6 +144,20 @@ def drive(
         for document in documents
     ):
         raise click.exceptions.Exit(1)
+
+
+def _require_one_drive(
+    plot: Path | None, trace: Path | None, compare: str | None, *, is_one: bool
+) -> None:
+    """Refuse options for one drive unless one road is driven.
+
+    Raises:
+        click.UsageError: there is such an option.
+    """
+    uses = (("--plot draws", plot), ("--trace holds", trace), ("--compare is about", compare))
+    for use, value in uses:
+        if value is not None and not is_one:
+            raise click.UsageError(f"{use} one drive: leave it out with --dry or several roads")
 
 
 def _plan(
@@ -190,15 +217,23 @@ def _judge(plan: DrivePlan) -> list[dict[str, Any]]:
     return documents
 
 
-def _drive(
-    plan: DrivePlan, plot: Path | None, trace: TraceFile | None, *, is_quiet: bool
-) -> list[dict[str, Any]]:
+class Outputs(NamedTuple):
+    """What is wanted of the only drive beside its facts."""
+
+    plot: Path | None
+    """File for the picture; None for no picture."""
+    trace: TraceFile | None
+    """File for the trace; None for no trace."""
+    recording: Recording | None
+    """Recorded drive on the same road; None without one."""
+
+
+def _drive(plan: DrivePlan, outputs: Outputs, *, is_quiet: bool) -> list[dict[str, Any]]:
     """Drive the valid roads; print what happened, unless quiet, and return it for JSON.
 
     Args:
         plan: the roads, and how they are driven.
-        plot: file for the picture of the only drive; None for no picture.
-        trace: file for the trace of the only drive; None for no trace.
+        outputs: what is wanted of the only drive.
         is_quiet: whether nothing is printed.
     """
     from frenetic.campaign import RoadTester
@@ -208,7 +243,7 @@ def _drive(
 
     with chdir(plan.code_folder):
         tester = RoadTester.of(plan.spec, rules=plan.rules)
-    tester = replace(tester, keeps_notes=trace is not None)
+    tester = replace(tester, keeps_notes=outputs.trace is not None)
     documents: list[dict[str, Any]] = []
     with ExitStack() as entered:
         compiled = entered.enter_context(announced_compilation(Log()))
@@ -223,24 +258,46 @@ def _drive(
                     compiled()
                 driven = drive_road(target.road, target.conditions)
                 result = judge(target.road, driven)
-            if plot is not None:
-                _draw(target, result, driven, plot)
-            document = _document(target, result, driven, tester, plot)
-            if trace is not None:
-                conditions = tester.terms.conditions_of(target.conditions)
-                document |= trace.write(target.road, driven, result, conditions)
+            document = _document(target, result, driven, tester, outputs.plot)
+            comparison, files = _write_outputs(outputs, target, result, driven, tester)
+            document |= files
             documents.append(document)
             if not is_quiet:
                 _print(plan.spec, tester, target, result, document)
                 is_only_drive = len(plan.targets) == 1 and target.rest_after is None
                 if plan.spec.rules.criteria or is_only_drive:
                     print_measures(document.get("measures", []), plan.spec.rules.criteria)
-            draws_one = plot is not None or trace is not None
-            if target.rest_after is not None and result.departure is not None and not draws_one:
+                if comparison is not None:
+                    print_comparison(comparison)
+            is_one = any(output is not None for output in outputs)
+            if target.rest_after is not None and result.departure is not None and not is_one:
                 rest = target.rest_after(result.departure.distance)
                 if rest is not None:
                     waiting.appendleft(rest)
     return documents
+
+
+def _write_outputs(
+    outputs: Outputs, target: RoadToDrive, result: Result, driven: Drive | None, tester: RoadTester
+) -> tuple[RecordingComparison | None, dict[str, Any]]:
+    """Compare a drive, draw it and write its trace, as far as this is wanted.
+
+    Returns:
+        The comparison; None if nothing was compared. And what JSON says about all this.
+    """
+    conditions = tester.terms.conditions_of(target.conditions)
+    comparison = None
+    if outputs.recording is not None:
+        comparison = compare_drive(outputs.recording, target, driven, result, conditions)
+    document: dict[str, Any] = {} if comparison is None else {"compared": comparison.as_json()}
+    if outputs.plot is not None:
+        if comparison is None:
+            _draw(target, result, driven, outputs.plot)
+        else:
+            draw_comparison(comparison, target, outputs.plot)
+    if outputs.trace is not None:
+        document |= outputs.trace.write(target.road, driven, result, conditions)
+    return comparison, document
 
 
 def _draw(target: RoadToDrive, result: Result, driven: Drive | None, plot: Path) -> None:

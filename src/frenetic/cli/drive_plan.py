@@ -46,6 +46,8 @@ class RoadToDrive:
     """Conditions of the test without those that the command line sets."""
     notes: tuple[str, ...] = ()
     """Sentences about roads of a map that do not quite meet."""
+    file_road: Road | None = None
+    """The road where its file has it; None if the map has it there, too."""
     rest_after: Callable[[float], RoadToDrive | None] | None = None
     """Distance along a map's road, in m -> the road after this place; None for other roads."""
 
@@ -104,6 +106,7 @@ def plan_for_campaign(
             test,
             config,
             conditions=without(test.candidate.conditions, *replaced),
+            file_road=test.road,
         )
         targets.append(target)
     return DrivePlan(spec, code_folder, targets, rules)
@@ -138,7 +141,9 @@ def plan_for_file(
         verdict = Verdict(False, f"{verdict.message}; {_advice_to_fit(file, road, spec)}")
     name = str(path) if test_id is None else f"{path} {test_id}"
     recorded_driver = file.entries.get("driver")
-    target = RoadToDrive(name, fitted or road, verdict, recorded_driver=recorded_driver)
+    target = RoadToDrive(
+        name, fitted or road, verdict, recorded_driver=recorded_driver, file_road=road
+    )
     return DrivePlan(spec, code_folder, [target])
 
 

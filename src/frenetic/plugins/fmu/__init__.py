@@ -12,15 +12,15 @@ from frenetic._support.lazy_names import import_name
 if TYPE_CHECKING:
     from frenetic.plugins.fmu.driver import Fmu
     from frenetic.plugins.fmu.instance import FmuError
-    from frenetic.plugins.fmu.table import SignalLink, SignalTable
+    from frenetic.plugins.fmu.table import SignalTable, VariableLink
 
-__all__ = ["Fmu", "FmuError", "SignalLink", "SignalTable"]
+__all__ = ["Fmu", "FmuError", "SignalTable", "VariableLink"]
 
 _MODULES = {
     "Fmu": "frenetic.plugins.fmu.driver",
     "FmuError": "frenetic.plugins.fmu.instance",
-    "SignalLink": "frenetic.plugins.fmu.table",
     "SignalTable": "frenetic.plugins.fmu.table",
+    "VariableLink": "frenetic.plugins.fmu.table",
 }
 """Public name -> module from which `__getattr__` imports it on use."""
 

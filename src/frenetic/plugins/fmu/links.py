@@ -10,8 +10,9 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 
 from frenetic._support.arrays import FloatArray
-from frenetic._support.signal_names import recognised, unit_in_name
-from frenetic._support.units import Unit, known_units, unit_named
+from frenetic._support.signal_links import known_unit, units_in
+from frenetic._support.signal_names import recognised
+from frenetic._support.units import Unit
 from frenetic.drivers.driver import AHEAD_SPACING
 from frenetic.parts.registry import hint
 from frenetic.plugins.fmu.description import Description, Variable
@@ -22,10 +23,9 @@ from frenetic.plugins.fmu.signals import (
     PREVIEWS,
     SIGNALS,
     Source,
-    known_unit,
     source,
 )
-from frenetic.plugins.fmu.table import START, Entry, SignalLink, SignalTable
+from frenetic.plugins.fmu.table import START, Entry, SignalTable, VariableLink
 
 _ELEMENT: Final = re.compile(r"(.*)\[(\d+)\]")
 """Name of an element of an array, such as ``kappa[3]``."""
@@ -61,7 +61,7 @@ class Links:
 
     @classmethod
     def of(cls, description: Description, table: SignalTable) -> Links:
-        """SignalLink the variables of an FMU.
+        """VariableLink the variables of an FMU.
 
         Raises:
             ValueError: an input has no source, no output steers, two outputs are one control, or an
@@ -111,7 +111,7 @@ def _arrays(inputs: Mapping[str, Variable], entries: Iterable[str]) -> dict[str,
 
 def _entry(
     name: str, variables: Sequence[Variable], entries: Mapping[str, Entry]
-) -> Entry | SignalLink | None:
+) -> Entry | VariableLink | None:
     """Return the entry of an input: of the table, else the signal of its name; None if unknown."""
     if name in entries:
         entry = entries[name]
@@ -121,13 +121,13 @@ def _entry(
     return recognised(name, {signal: item.names for signal, item in _INPUTS.items()})
 
 
-def _input_link(name: str, variables: Sequence[Variable], entry: str | SignalLink) -> InputLink:
+def _input_link(name: str, variables: Sequence[Variable], entry: str | VariableLink) -> InputLink:
     """Return the link of an input.
 
     Raises:
         ValueError: there is no such signal, or the signal does not suit the input.
     """
-    link = entry if isinstance(entry, SignalLink) else SignalLink(signal=entry)
+    link = entry if isinstance(entry, VariableLink) else VariableLink(signal=entry)
     if link.signal not in _INPUTS:
         raise ValueError(
             f"its input {name}: there is no signal {link.signal!r}{hint(link.signal, _INPUTS)}"
@@ -141,7 +141,7 @@ def _input_link(name: str, variables: Sequence[Variable], entry: str | SignalLin
     return InputLink(variables, source(link.signal, _distances(name, size, link)), factor)
 
 
-def _distances(name: str, size: int, link: SignalLink) -> FloatArray:
+def _distances(name: str, size: int, link: VariableLink) -> FloatArray:
     """Return the distances ahead of an input's elements, (size,) in m.
 
     Raises:
@@ -164,32 +164,20 @@ def _distances(name: str, size: int, link: SignalLink) -> FloatArray:
     return AHEAD_SPACING * np.arange(size, dtype=np.float64)
 
 
-def _factor(kind: str, variable: Variable, link: SignalLink, unit: Unit) -> float:
+def _factor(kind: str, variable: Variable, link: VariableLink, unit: Unit) -> float:
     """Return the number of our units in one of a variable's units.
 
     Raises:
         ValueError: the variable's unit is not known, or measures something else.
     """
-    text = link.unit if link.unit is not None else variable.unit_name
-    variable_unit = variable.unit if link.unit is None else unit_named(link.unit)
-    if text is None:
-        variable_unit = unit_in_name(variable.name) or unit
-    if variable_unit is None:
-        raise ValueError(
-            f"its {kind} {variable.name} has the unit {text!r}, which is not known: set unit in a"
-            f" table, signals=table.toml; known are {known_units()}"
-        )
-    # A number without a unit may be an angle, but no speed.
-    if not variable_unit.is_like(unit):
-        raise ValueError(
-            f"its {kind} {variable.name} has the unit {text!r}, which is none of {link.signal}:"
-            " name another signal in a table, signals=table.toml"
-        )
-    return variable_unit.factor / unit.factor
+    try:
+        return units_in(link, variable.name, variable.unit_name, variable.unit, unit)
+    except ValueError as error:
+        raise ValueError(f"its {kind} {error}") from None
 
 
 def _output_links(
-    outputs: Mapping[str, Variable], entries: Mapping[str, str | SignalLink]
+    outputs: Mapping[str, Variable], entries: Mapping[str, str | VariableLink]
 ) -> list[OutputLink]:
     """Return the links of the outputs that steer and drive.
 
@@ -207,12 +195,12 @@ def _output_links(
             raise ValueError(f"its output {name} is no number: the {link.signal} is one")
     names = {control: item.names for control, item in CONTROLS.items()}
     guesses = {
-        name: SignalLink(signal=control)
+        name: VariableLink(signal=control)
         for name, variable in outputs.items()
         if name not in links and variable.size == 1 and variable.python_type is not str
         if (control := recognised(name, names)) is not None
     }
-    chosen: dict[str, SignalLink] = {}
+    chosen: dict[str, VariableLink] = {}
     for groups in ([(control,) for control in LATERAL], LONGITUDINAL):
         for candidates in (links, guesses):  # what the table says comes before what names say
             group = _first_group(candidates, groups)
@@ -236,8 +224,8 @@ def _output_links(
 
 
 def _first_group(
-    links: Mapping[str, SignalLink], groups: Iterable[tuple[str, ...]]
-) -> dict[str, SignalLink] | None:
+    links: Mapping[str, VariableLink], groups: Iterable[tuple[str, ...]]
+) -> dict[str, VariableLink] | None:
     """Return the outputs of the first group of controls that there are; None without any.
 
     Raises:
@@ -257,9 +245,9 @@ def _first_group(
     return None
 
 
-def _as_link(entry: str | SignalLink) -> SignalLink:
+def _as_link(entry: str | VariableLink) -> VariableLink:
     """Return an entry of the table as a link."""
-    return entry if isinstance(entry, SignalLink) else SignalLink(signal=entry)
+    return entry if isinstance(entry, VariableLink) else VariableLink(signal=entry)
 
 
 def _require_known(kind: str, entries: Iterable[str], known: Iterable[str]) -> None:

@@ -8,7 +8,7 @@ from typing import Final, NamedTuple, TypeAlias
 import numpy as np
 
 from frenetic._support.arrays import FloatArray
-from frenetic._support.units import Unit, unit_named
+from frenetic._support.car_signals import CAR_SIGNALS
 from frenetic.drivers import SpeedPlan
 from frenetic.drivers.builtin import speed_limits_ahead
 from frenetic.drivers.driver import AHEAD_SPACING, DriveSetup, Observation
@@ -68,60 +68,10 @@ def _limits(moment: Moment) -> FloatArray:
 
 
 SIGNALS: Final[Mapping[str, InputSignal]] = {
-    "time": InputSignal("s", "since the start", _observed("time"), ("t",)),
-    "distance": InputSignal(
-        "m", "along the road", _observed("distance"), ("s", "arclength", "station")
-    ),
-    "speed": InputSignal(
-        "m/s",
-        "along the car",
-        _observed("speed"),
-        (
-            *("v", "vx", "vlong", "velocity", "currvelocity", "currentvelocity", "speedx"),
-            *("longitudinalvelocity", "longitudinalspeed", "velocityx"),
-        ),
-    ),
-    "lateral_speed": InputSignal(
-        "m/s", "across the car", _observed("lateral_speed"), ("vy", "lateralvelocity", "vlat")
-    ),
-    "yaw_rate": InputSignal(
-        "rad/s",
-        "",
-        _observed("yaw_rate"),
-        ("r", "psidot", "psip", "dpsi", "yawvelocity", "curryawrate", "omegaz", "wz"),
-    ),
-    "steering": InputSignal(
-        "rad",
-        "present angle of the front wheels",
-        _observed("steering"),
-        (
-            *("steeringangle", "delta", "deltaf", "currsteer", "currentsteering", "steer"),
-            *("roadwheelangle", "frontwheelangle", "measuredsteering", "steeringmeasured"),
-        ),
-    ),
-    "lateral_offset": InputSignal(
-        "m",
-        "of the car from the lane's centre",
-        _observed("lateral_offset"),
-        (
-            *("ey", "e1", "lateralerror", "lateraldeviation", "laterr", "erry", "yerr", "yerror"),
-            *("crosstrackerror", "cte", "lateraldistance", "offset", "deviation", "dlat"),
-        ),
-    ),
-    "heading_error": InputSignal(
-        "rad",
-        "heading of the car minus heading of the lane",
-        _observed("heading_error"),
-        (
-            *("epsi", "e2", "relativeyawangle", "yawerror", "psierr", "psierror", "etheta"),
-            *("headingdeviation", "yawangleerror", "orientationerror", "headingerr", "dtheta"),
-        ),
-    ),
-    "x": InputSignal("m", "of the car on the map", _observed("x"), ("posx", "xpos", "positionx")),
-    "y": InputSignal("m", "of the car on the map", _observed("y"), ("posy", "ypos", "positiony")),
-    "heading": InputSignal(
-        "rad", "of the car on the map", _observed("heading"), ("psi", "yaw", "theta")
-    ),
+    **{
+        name: InputSignal(signal.unit, signal.about, _observed(name), signal.names)
+        for name, signal in CAR_SIGNALS.items()
+    },
     "target_speed": InputSignal(
         "m/s",
         "that Frenetic's planner would drive here",
@@ -203,13 +153,6 @@ LONGITUDINAL: Final = (("throttle", "brake"), ("pedal",), ("acceleration",))
 
 Source: TypeAlias = Callable[[Moment], list[float]]
 """Function that returns the values of the elements of an input."""
-
-
-def known_unit(name: str) -> Unit:
-    """Return a unit of the tables above."""
-    unit = unit_named(name)
-    assert unit is not None
-    return unit
 
 
 def source(name: str, distances: FloatArray) -> Source:

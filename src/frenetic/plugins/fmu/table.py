@@ -8,8 +8,8 @@ from typing import Annotated, Final, TypeAlias
 
 from msgspec import Meta, Struct
 
-from frenetic._support.bounds import Finite, NotNegative, Positive
-from frenetic._support.units import known_units, unit_named
+from frenetic._support.bounds import NotNegative, Positive
+from frenetic._support.signal_links import SignalLink
 from frenetic.spec import read_entries
 
 START: Final = "start"
@@ -18,26 +18,14 @@ _MOST_DISTANCES: Final = 1000
 """Largest number of distances of a signal; our choice."""
 
 
-class SignalLink(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """What a variable is: ``variable = factor * signal``, in the variable's unit."""
+class VariableLink(SignalLink, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """The link of a variable of an FMU with a signal, or with a control for an output."""
 
-    signal: str
-    """Name of a signal, or of a control for an output."""
-    factor: Finite = 1.0
-    """Factor of the signal, such as -1 where right is positive, or a steering ratio."""
-    unit: str | None = None
-    """Unit of the variable; None for the one in its description."""
-    distances: Annotated[list[NotNegative], Meta(min_length=1, max_length=_MOST_DISTANCES)] = []
+    distances: Annotated[tuple[NotNegative, ...], Meta(max_length=_MOST_DISTANCES)] = ()
     """Distances ahead, in m, one for each element of the variable."""
 
-    def __post_init__(self) -> None:
-        if self.factor == 0.0:
-            raise ValueError("the factor is 0: any other number is needed")
-        if self.unit is not None and unit_named(self.unit) is None:
-            raise ValueError(f"the unit {self.unit!r} is not known; known: {known_units()}")
 
-
-Entry: TypeAlias = bool | float | str | SignalLink
+Entry: TypeAlias = bool | float | str | VariableLink
 """Entry of an input: a constant in its unit, a signal's name, `START`, or a link."""
 
 
@@ -46,7 +34,7 @@ class SignalTable(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True)
 
     inputs: Mapping[str, Entry] = {}
     """Input -> its signal."""
-    outputs: Mapping[str, str | SignalLink] = {}
+    outputs: Mapping[str, str | VariableLink] = {}
     """Output -> its control."""
     parameters: Mapping[str, bool | float | str] = {}
     """Parameter -> its value, in its unit; the name of a signal of the car for this signal."""

@@ -1,16 +1,17 @@
-"""Recorded drives to calibrate on: campaigns, test files of the competition, and tables.
+"""Recorded drives to calibrate on: campaigns, test files of the competition, tables and MDF.
 
 A folder is a campaign, a folder of campaigns, or a folder of test files (JSON, one drive each). A
-file is a table (JSON Lines, one drive a row). A row of a table has the entries of a test file;
-docs/calibrating.md lists them.
+file is a table (JSON Lines, one drive a row), or a recording of one drive (CSV or MDF), whose option
+``road`` names its road. A row of a table has the entries of a test file; docs/calibrating.md lists
+them.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Annotated, Final, Self, TypeAlias
+from typing import Annotated, Any, Final, Self, TypeAlias
 
 import numpy as np
 from msgspec import Meta, Struct, structs
@@ -32,14 +33,19 @@ from frenetic.plugins.twin.recorded_drive import (
     on_grid,
     states_of,
 )
+from frenetic.recordings import RecordingFile, read_recording
+from frenetic.recordings.channels import SUFFIXES
+from frenetic.recordings.comparison import along_road
 from frenetic.road import LANE_WIDTH, Road
-from frenetic.road.files import RoadEntries, RoadFile
+from frenetic.road.files import RoadEntries, RoadFile, read_road
 from frenetic.search.records import Trace
 from frenetic.spec import Spec
 from frenetic.spec.terms import Terms
 
 TABLE: Final = ".jsonl"
 """Ending of a table's file name."""
+_OPTIONS: Final = ("road", "outcome", "signals")
+"""Options of a recording in CSV or MDF."""
 
 
 class RecordedTerms(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -127,9 +133,14 @@ def read_recordings(
     """
     tests: list[_Test] = []
     place_of_terms: dict[RecordedTerms, Path] = {}
-    for place in map(Path, require_list("places", places, "files and folders")):
+    for text in map(str, require_list("places", places, "files and folders")):
+        place, options = RecordingFile.of(text, _OPTIONS)
+        is_recording = place.suffix.lower() in SUFFIXES
+        if options and not is_recording:
+            raise FreneticError(f"{text}: options are for recordings in CSV or MDF")
+        sources = _recording(place, options, stated_terms) if is_recording else None
         tests_of_place: list[_Test] = []
-        for terms, tests_of_source in _sources(place, stated_terms):
+        for terms, tests_of_source in sources or _sources(place, stated_terms):
             place_of_terms.setdefault(terms, place)
             tests_of_place += tests_of_source
         if not any(tests_of_place):
@@ -152,6 +163,42 @@ _Test: TypeAlias = RecordedDrive | None
 """Drive of a recorded test; None if the test is of no use here."""
 _Source: TypeAlias = tuple[RecordedTerms, list[_Test]]
 """Terms and tests of a table, of a folder of test files, or of a campaign."""
+
+
+def _recording(
+    path: Path, options: Mapping[str, Any], stated_terms: RecordedTerms | None
+) -> list[_Source]:
+    """Return the terms and the drive of a recording in CSV or MDF.
+
+    Without an outcome, the drive failed if the car's centre left the lane.
+
+    Raises:
+        FreneticError: the file or its road cannot be read, the road or the car's offset is not
+            known, or the outcome is neither PASS nor FAIL.
+    """
+    terms = stated_terms or RecordedTerms()
+    if "road" not in options:
+        raise FreneticError(f"{path} does not say its road: name it, {path},road=road.json")
+    outcome_text = str(options.get("outcome", "")).upper()
+    if outcome_text not in ("", Outcome.PASS, Outcome.FAIL):
+        raise FreneticError(f"{path}: outcome is {options['outcome']!r}: PASS or FAIL is needed")
+    road = replace(read_road(Path(str(options["road"]))).road(), lane_width=terms.lane_width)
+    recording = read_recording(RecordingFile(path, options))
+    fitted, _ = road.placed(terms.map_size)
+    roads = [road] if fitted is None else [road, fitted]
+    _, signals = along_road(recording, roads)
+    if "lateral_offset" not in signals:
+        raise FreneticError(f"{path}: no channel is known for x and y, or the lateral offset")
+    if "speed" not in signals:
+        signals["speed"] = np.gradient(signals["distance"], recording.time)
+    columns = np.stack([signals[name] for name in ("distance", "lateral_offset", "speed")])
+    columns = columns[:, np.isfinite(columns).all(axis=0)]
+    if not columns.shape[1]:
+        raise FreneticError(f"{path} has no record with place, offset and speed")
+    outcome = Outcome(outcome_text) if outcome_text else Outcome.PASS
+    if not outcome_text and np.abs(columns[1]).max() > 0.5 * terms.lane_width:
+        outcome = Outcome.FAIL
+    return [(terms, [_recorded(road, on_grid(*columns), outcome, str(path.parent))])]
 
 
 def _sources(place: Path, stated_terms: RecordedTerms | None) -> Iterator[_Source]:
