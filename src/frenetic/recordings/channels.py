@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import csv
+import gc
 import io
 import re
-from collections.abc import Callable
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
@@ -53,8 +56,9 @@ class RecordedChannel(NamedTuple):
     """
 
 
-def read_channels(path: Path) -> list[RecordedChannel]:
-    """Return the channels of a recording's file.
+@contextmanager
+def open_channels(path: Path) -> Iterator[list[RecordedChannel]]:
+    """Open a recording's file and yield its channels, which can be read until the file is closed.
 
     Raises:
         FreneticError: there is no such file, it is damaged or too large, it has another suffix, or
@@ -65,7 +69,14 @@ def read_channels(path: Path) -> list[RecordedChannel]:
         raise FreneticError(f"{path} is no recording: it must end with {' or '.join(SUFFIXES)}")
     if not path.is_file():
         raise FreneticError(f"there is no file {path}")
-    return _csv_channels(path) if suffix == CSV else _mdf_channels(path)
+    if suffix == CSV:
+        yield _csv_channels(path)
+        return
+    file, channels = _open_mdf(path)
+    try:
+        yield channels
+    finally:
+        file.close()
 
 
 def _csv_channels(path: Path) -> list[RecordedChannel]:
@@ -106,8 +117,8 @@ def _csv_channels(path: Path) -> list[RecordedChannel]:
     return channels
 
 
-def _mdf_channels(path: Path) -> list[RecordedChannel]:
-    """Return the channels of an MDF file.
+def _open_mdf(path: Path) -> tuple[Any, list[RecordedChannel]]:
+    """Return an open MDF file and its channels.
 
     Raises:
         FreneticError: asammdf is not installed, or cannot read the file.
@@ -116,18 +127,31 @@ def _mdf_channels(path: Path) -> list[RecordedChannel]:
         import asammdf  # of the extra "mdf"
     except ImportError as error:
         raise FreneticError(f"an MDF file needs asammdf: {pip_install('mdf')}") from error
+    with _unheard_deletions():
+        try:
+            file: Any = asammdf.MDF(path)
+            return file, [
+                _mdf_channel(file, number, index, channel)
+                for number, group in enumerate(file.groups)
+                for index, channel in enumerate(group.channels)
+                if file.masters_db.get(number) != index
+            ]
+        except Exception as error:  # asammdf raises many classes
+            reason = describe_error(error)
+        # Not within `except`: the error, which holds asammdf's object, must be gone.
+        gc.collect()
+        raise FreneticError(f"{path} is no MDF file that can be read: {reason}")
+
+
+@contextmanager
+def _unheard_deletions() -> Iterator[None]:
+    """Say nothing about errors that deleted objects raise, as asammdf's do for damaged files."""
+    before = sys.unraisablehook
+    sys.unraisablehook = lambda _: None
     try:
-        file: Any = asammdf.MDF(path)
-        return [
-            _mdf_channel(file, number, index, channel)
-            for number, group in enumerate(file.groups)
-            for index, channel in enumerate(group.channels)
-            if file.masters_db.get(number) != index
-        ]
-    except Exception as error:  # asammdf raises many classes
-        raise FreneticError(
-            f"{path} is no MDF file that can be read: {describe_error(error)}"
-        ) from None
+        yield
+    finally:
+        sys.unraisablehook = before
 
 
 def _mdf_channel(file: Any, group: int, index: int, channel: Any) -> RecordedChannel:

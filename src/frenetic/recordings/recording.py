@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any, Final, NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 from msgspec import Struct
 
 from frenetic._support.arrays import FloatArray
@@ -18,7 +19,7 @@ from frenetic._support.signal_names import compact, spellings
 from frenetic._support.units import unit_named
 from frenetic.errors import FreneticError
 from frenetic.parts.registry import hint
-from frenetic.recordings.channels import RecordedChannel, Samples, read_channels
+from frenetic.recordings.channels import RecordedChannel, Samples, open_channels
 from frenetic.spec import read_entries
 
 MEASURED: Final[Mapping[str, CarSignal]] = {
@@ -67,13 +68,19 @@ class RecordingFile(NamedTuple):
     def of(cls, text: str, allowed: Iterable[str] = ("signals",)) -> RecordingFile:
         """Return the file and options of a text.
 
+        The path of an existing file or folder has no options, whatever its name.
+
         Raises:
-            FreneticError: an option is unknown or has no value.
+            FreneticError: there is no name, or an option is unknown or has no value.
         """
+        if (path := Path(text).expanduser()).exists():
+            return cls(path, {})
         try:
             name, options = read_part(text)
         except ValueError as error:
             raise FreneticError(f"{text}: {error}") from None
+        if not name:
+            raise FreneticError(f"{text} names no file: the file comes first, then its options")
         names = list(allowed)
         for option in options:
             if option not in names:
@@ -81,7 +88,7 @@ class RecordingFile(NamedTuple):
                     f"{text}: a recording has no option {option!r}{hint(option, names)} It has:"
                     f" {', '.join(names)}"
                 )
-        return cls(Path(name or "").expanduser(), options)
+        return cls(Path(name).expanduser(), options)
 
 
 class _Choice(NamedTuple):
@@ -109,8 +116,9 @@ def read_recording(file: RecordingFile) -> Recording:
             Path(str(table_path)).expanduser(), ChannelTable, "a table of channels"
         )
     try:
-        choices = _choose(read_channels(file.path), table)
-        samples = {signal: _read(choice) for signal, choice in choices.items()}
+        with open_channels(file.path) as channels:
+            choices = _choose(channels, table)
+            samples = {signal: _read(choice) for signal, choice in choices.items()}
         time, values = _on_one_clock(samples)
     except ValueError as error:
         raise FreneticError(f"{file.path}: {error}") from None
@@ -232,10 +240,7 @@ def _on_one_clock(samples: Mapping[str, Samples]) -> tuple[FloatArray, dict[str,
             " table, signals=table.toml"
         )
     times = {signal: _times(signal, samples) for signal in samples if signal != _TIME}
-    time = times[base]
-    is_later = np.isfinite(time)
-    is_later[is_later] = np.diff(np.maximum.accumulate(time[is_later]), prepend=-np.inf) > 0.0
-    time = time[is_later]
+    time = times[base][_grow(times[base])]
     if len(time) < 2:
         raise ValueError(f"it has {len(time)} times that grow: two or more are needed")
     values = {}
@@ -243,12 +248,19 @@ def _on_one_clock(samples: Mapping[str, Samples]) -> tuple[FloatArray, dict[str,
         column = samples[signal].values
         if signal == "heading":
             column = np.unwrap(column)
-        is_known = np.isfinite(column) & np.isfinite(signal_times)
+        is_known = _grow(signal_times) & np.isfinite(column)
         if is_known.any():
             values[signal] = np.interp(
                 time, signal_times[is_known], column[is_known], left=np.nan, right=np.nan
             )
     return time - time[0], values
+
+
+def _grow(times: FloatArray) -> npt.NDArray[np.bool_]:
+    """Return which times are later than all times before, (n,)."""
+    is_later: npt.NDArray[np.bool_] = np.isfinite(times)
+    is_later[is_later] = np.diff(np.maximum.accumulate(times[is_later]), prepend=-np.inf) > 0.0
+    return is_later
 
 
 def _times(signal: str, samples: Mapping[str, Samples]) -> FloatArray:

@@ -1,8 +1,8 @@
 """Recorded drives to calibrate on: campaigns, test files of the competition, tables and MDF.
 
 A folder is a campaign, a folder of campaigns, or a folder of test files (JSON, one drive each). A
-file is a table (JSON Lines, one drive a row), or a recording of one drive (CSV or MDF), whose option
-``road`` names its road. A row of a table has the entries of a test file; docs/calibrating.md lists
+file is a table (JSON Lines, one drive a row), or a recording of one drive (CSV or MDF): its option
+``road`` names the road. A row of a table has the entries of a test file; docs/calibrating.md lists
 them.
 """
 
@@ -44,6 +44,8 @@ from frenetic.spec.terms import Terms
 
 TABLE: Final = ".jsonl"
 """Ending of a table's file name."""
+_LATEST_START: Final = 10.0
+"""Largest distance along the road at which a recording in CSV or MDF begins, in m; our choice."""
 _OPTIONS: Final = ("road", "outcome", "signals")
 """Options of a recording in CSV or MDF."""
 
@@ -193,11 +195,15 @@ def _recording(
         signals["speed"] = np.gradient(signals["distance"], recording.time)
     columns = np.stack([signals[name] for name in ("distance", "lateral_offset", "speed")])
     columns = columns[:, np.isfinite(columns).all(axis=0)]
-    if not columns.shape[1]:
-        raise FreneticError(f"{path} has no record with place, offset and speed")
+    if not columns.shape[1] or columns[0, 0] > _LATEST_START:
+        raise FreneticError(
+            f"{path} has no record with place, offset and speed in the first"
+            f" {_LATEST_START:g} m of the road"
+        )
     outcome = Outcome(outcome_text) if outcome_text else Outcome.PASS
     if not outcome_text and np.abs(columns[1]).max() > 0.5 * terms.lane_width:
         outcome = Outcome.FAIL
+    road = fitted or road
     return [(terms, [_recorded(road, on_grid(*columns), outcome, str(path.parent))])]
 
 
