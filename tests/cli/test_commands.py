@@ -73,6 +73,7 @@ CALLS: Final = {
     ),
     "drive bend.json --trace bend.mcap --layouts": "trace road outcome",
     "drive --manoeuvre step --trace step.csv": "trace manoeuvre",
+    "drive bend.json --compare run.csv": "road outcome compared",
     "drive bend.json --dry": "road valid message",
     "calibrate drives.jsonl --driver planner --fit braking": (
         "name driven lane_width fitted recordings validation"
@@ -370,6 +371,7 @@ def test_every_command_prints_one_json_document(frenetic: Frenetic, copied: str,
     Path("drives.jsonl").write_text(
         "\n".join(json.dumps(DRIVE | {"curvatures": [0, i / 1000, 0, 0, 0, 0]}) for i in range(10))
     )
+    Path("run.csv").write_text("time,speed\n0,5\n60,5\n")
     shutil.copytree(copied, "d")
     answer = frenetic(*shlex.split(call), "--json")
     assert answer.code in (0, 1, 3)

@@ -57,8 +57,8 @@ if TYPE_CHECKING:
 @click.option(
     "--manoeuvre",
     metavar="NAME",
-    help="Drive a standard manoeuvre in place of a road, and measure the response: 'frenetic list"
-    " manoeuvres'. Options: step,radius=100; --with speed=100 (km/h).",
+    help="Drive a standard manoeuvre and measure it: step,radius=100 ('frenetic list"
+    " manoeuvres'). --with speed=100 (km/h).",
 )
 @entry_option("roads")
 @part_options
@@ -78,8 +78,7 @@ if TYPE_CHECKING:
 @click.option(
     "--compare",
     metavar="RECORDING",
-    help="Compare with a recorded drive on this road: CSV or MDF, such as run.mf4 or"
-    " run.mf4,signals=table.toml. --plot then draws both.",
+    help="Compare with a recorded drive, CSV or MDF.",
 )
 @lane_option
 @road_option
@@ -104,12 +103,12 @@ def drive(
     """Drive the road of a file or of a campaign's tests, and say what happened.
 
     The tests of a CAMPAIGN, and the file of a failing road, are driven as the campaign drove them.
-    Unless options change driver, simulator, rules or conditions, the command says whether a test
-    ends in the same way. A ROAD is JSON with curvatures (1/m) or road_points, a test file of the
+    Unless options change driver, simulator, rules or conditions, it says whether a test ends in the
+    same way. A ROAD is JSON with curvatures (1/m) or road_points, a test file of the
     competition, or OpenDRIVE; ID is the number of a test in a list of tests. A road that lies
     elsewhere is moved into the map; an invalid road is not driven. With --road, roads of a map are
-    driven where they lie, valid or not, and beyond a place where the car leaves its lane. The exit
-    code is 1 if a road is INVALID or a drive ends in ERROR.
+    driven where they lie, valid or not, also beyond where the car leaves its lane. The exit code
+    is 1 after INVALID or ERROR.
     """
     options = CommandOptions.of(context)
     trace_file = TraceFile.of(trace, has_layouts=has_layouts)

@@ -112,6 +112,7 @@ def _read(archive: FmuArchive) -> Any:
     Raises:
         ValueError: it is damaged, or of a version other than FMI 2 and 3.
     """
+    # Of the extra "fmu".
     from fmpy.model_description import ValidationError, read_model_description
 
     try:

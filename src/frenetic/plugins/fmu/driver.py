@@ -52,7 +52,7 @@ class _Input(NamedTuple):
         return [link.factor * number for link in self.links for number in link.source(moment)]
 
 
-class _Running:
+class _RunningInstance:
     """The running instance of a driver, which ends with the driver."""
 
     def __init__(self) -> None:
@@ -136,7 +136,7 @@ class Fmu:
         self._step = max(self.period, self._description.step or 0.0)
         controls = {link.control for link in self._links.outputs}
         self._has_pedals = not controls.isdisjoint(chain(*LONGITUDINAL))
-        self._running = _Running()
+        self._running = _RunningInstance()
         # At the end of the process nothing is freed: foreign code could still crash it.
         finalize(self, self._running.close).atexit = False
 

@@ -106,7 +106,7 @@ def compiler() -> str | None:
 
 def platform_folder(fmi: int) -> str:
     """Return the name of the folder of this machine's binaries in an FMU."""
-    from fmpy import platform, platform_tuple
+    from fmpy import platform, platform_tuple  # of the extra "fmu"
 
     return str(platform if fmi == 2 else platform_tuple)
 

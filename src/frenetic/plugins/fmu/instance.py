@@ -34,7 +34,7 @@ class Values:
     """
 
     def __init__(self, component: Any, fmi: int, variables: Sequence[Variable]) -> None:
-        from fmpy import fmi2, fmi3
+        from fmpy import fmi2, fmi3  # of the extra "fmu"
 
         (name,) = {variable.fmi_type for variable in variables}
         if name == "Enumeration":
@@ -99,7 +99,7 @@ class Instance:
 
     def _load(self, folder: Path) -> None:
         """Load the FMU's code and instantiate it."""
-        from fmpy import fmi2, fmi3
+        from fmpy import fmi2, fmi3  # of the extra "fmu"
 
         description = self._description
         kind = fmi2.FMU2Slave if description.fmi == 2 else fmi3.FMU3Slave
@@ -221,14 +221,14 @@ class Instance:
 
     def _callbacks(self) -> Any:
         """Return the functions that an FMU of FMI 2 may call."""
-        from fmpy import calloc, fmi2, free
+        from fmpy import calloc, fmi2, free  # of the extra "fmu"
 
         callbacks = fmi2.fmi2CallbackFunctions()
         callbacks.logger = fmi2.fmi2CallbackLoggerTYPE(self._log_2)
         callbacks.allocateMemory = fmi2.fmi2CallbackAllocateMemoryTYPE(calloc)
         callbacks.freeMemory = fmi2.fmi2CallbackFreeMemoryTYPE(free)
         with suppress(Exception):  # a machine without fmpy's library sees messages unformatted
-            from fmpy.logging import addLoggerProxy
+            from fmpy.logging import addLoggerProxy  # a library for some platforms
 
             addLoggerProxy(byref(callbacks))
         return callbacks
