@@ -599,6 +599,14 @@ def test_an_unsuitable_file_is_refused_in_one_line(
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="the binaries are named as on Linux")
+def test_a_broken_rule_that_does_no_harm_is_allowed(tmp_path: Path) -> None:
+    file = tmp_path / "m.fmu"
+    # FMI asks for a definition of each unit.
+    file.write_bytes(described('<Real start="0"/>', '<Real start="0" unit="deg"/>'))
+    assert Fmu(str(file)).period == 0.05
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="the binaries are named as on Linux")
 def test_a_binary_that_cannot_be_loaded_is_the_drivers_fault(
     tmp_path: Path, setup: DriveSetup
 ) -> None:

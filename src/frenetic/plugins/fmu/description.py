@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import math
 import re
 from collections.abc import Mapping
@@ -15,6 +16,8 @@ from frenetic.plugins.fmu.archive import DESCRIPTION, FmuArchive
 
 _MOST_TEXT: Final = 300
 """Largest number of characters of a reason in a message; our choice."""
+_IN_SCHEMA: Final = re.compile(r"\(line \d+, column \d+\)")
+"""Pattern of a problem that fmpy finds by the schema of FMI, rather than by its other rules."""
 _TYPES: Final = {
     **dict.fromkeys(("Real", "Float64", "Float32"), float),
     **dict.fromkeys(("Integer", "Enumeration"), int),
@@ -23,6 +26,8 @@ _TYPES: Final = {
     "String": str,
 }
 """Type of a variable in FMI -> its type in Python; other types are not supported."""
+
+logger = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
@@ -127,12 +132,20 @@ def _read(archive: FmuArchive) -> Any:
     version = re.search(r"<fmiModelDescription\s[^>]*?fmiVersion\s*=\s*[\"']([^\"']*)", text)
     if version is None or version[1][:2] not in ("2.", "3."):
         raise ValueError(f"it has FMI {version[1][:9] if version else '?'}: 2.0 or 3.0 is needed")
+    file = archive.description_alone()
     try:
-        return read_model_description(archive.description_alone())
+        try:
+            return read_model_description(file)
+        except ValidationError as error:
+            problems = [str(problem) for problem in error.problems]
+            if any(_IN_SCHEMA.search(problem) for problem in problems):
+                raise
+            # Tools break rules that do no harm here, such as about the variability of a number.
+            logger.info("the FMU breaks rules of FMI: %s", "; ".join(problems)[:_MOST_TEXT])
+            return read_model_description(file, validate=False)
     except ValidationError as error:
-        problems = [str(problem) for problem in error.problems]
-        more = f" (and {len(problems) - 1} more)" if problems[1:] else ""
-        reason = (problems or ["unknown"])[0] + more
+        more = f" (and {len(error.problems) - 1} more)" if error.problems[1:] else ""
+        reason = f"{error.problems[0]}{more}"
     except Exception as error:  # fmpy and lxml raise many classes
         reason = describe_error(error)
     reason = " ".join(reason.split())[:_MOST_TEXT]
