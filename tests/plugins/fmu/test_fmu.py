@@ -282,6 +282,15 @@ def test_a_parameter_has_a_value_or_a_signal_of_the_car(
     assert echo(file, 6) == pytest.approx(2.7)
 
 
+def test_a_trace_has_the_outputs(frenetic: Frenetic, built: Built) -> None:
+    file = built(variables=with_two_outputs("lka.confidence [1]", ""))
+    Path("road.json").write_text('{"curvatures": [0, 0, 0.01, 0.02, 0, 0, 0, 0]}')
+    assert frenetic("drive", "road.json", "--driver", str(file), "--trace", "a.csv").code == 0
+    trace = np.genfromtxt("a.csv", delimiter=",", names=True)
+    assert np.abs(trace["note_steeringAngle"]).max() > 1.0
+    assert trace["note_lka_confidence__1_"][1] == 0.05
+
+
 # Steps
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from itertools import chain
@@ -26,6 +27,10 @@ PERIOD: Final = 0.05
 _SHORTEST, _LONGEST, _PERIOD_STEP = 0.01, 0.2, 0.01  # [s], see `docs/drivers.md`
 _ROUNDING: Final = 1e-9
 """Time by which two times may differ that are the same, in s."""
+_MOST_NOTES: Final = 90
+"""Largest number of outputs that a trace holds; our choice."""
+_LONGEST_NOTE: Final = 59
+"""Largest number of letters of a note's name."""
 _OF_SETUP: Final = (
     "period",
     "wheelbase",
@@ -179,6 +184,7 @@ class Fmu:
             self._running.instance = Instance(self._description, folder, parameters)
         self._inputs = list(self._input_accesses(self._running.instance))
         self._outputs = list(self._output_accesses(self._running.instance))
+        self._noted = list(self._noted_accesses(self._running.instance))
         self._next_step: float | None = None
         self._controls = Controls(0.0)
 
@@ -200,6 +206,18 @@ class Fmu:
         if self._has_pedals:
             return self._controls
         return self._plan.controls(observation, self._controls.steering)
+
+    @property
+    def trace_notes(self) -> dict[str, float]:
+        """Present outputs of the FMU in their units, for a trace: name -> number."""
+        instance = self._running.instance
+        if instance is None:
+            return {}
+        return {
+            name: float(number)
+            for access, names in self._noted
+            for name, number in zip(names, instance.get(access), strict=True)
+        }
 
     def _after_steps(self, observation: Observation, steps: int) -> Controls:
         """Set the inputs, do steps, and return the controls of the outputs.
@@ -266,6 +284,17 @@ class Fmu:
         for of_type in links.values():
             yield instance.values([link.variable for link in of_type]), of_type
 
+    def _noted_accesses(self, instance: Instance) -> Iterator[tuple[Values, list[str]]]:
+        """Yield the accesses to the outputs that a trace holds, and the names of their notes."""
+        outputs = [
+            variable
+            for variable in self._description.with_causality("output").values()
+            if variable.size == 1 and variable.python_type is not str
+        ][:_MOST_NOTES]
+        for fmi_type in dict.fromkeys(variable.fmi_type for variable in outputs):
+            of_type = [variable for variable in outputs if variable.fmi_type == fmi_type]
+            yield instance.values(of_type), [_note_name(variable.name) for variable in of_type]
+
     @contextmanager
     def _naming_file(self) -> Iterator[None]:
         """Put the FMU's file before the messages of its errors."""
@@ -294,6 +323,12 @@ def _period(stated: float | None, step: float | None) -> float:
         if period is stated is not None:
             raise ValueError(f"the table's period is {period:g} s: 0.01 to 0.2 in steps of 0.01")
     return PERIOD
+
+
+def _note_name(name: str) -> str:
+    """Return the name of a note for a variable: ``lka_delta`` for ``lka.delta``."""
+    text = re.sub(r"[^A-Za-z0-9_]", "_", name)[:_LONGEST_NOTE]
+    return f"_{text}" if text[:1].isdigit() else text
 
 
 def _check_value(variable: Variable, value: object) -> None:
