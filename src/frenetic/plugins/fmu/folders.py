@@ -48,8 +48,9 @@ def private_folder(digest: str, fill: Callable[[Path], None]) -> Path:
         lock = FileLock(folder / _LOCK)
         lock.acquire()
         _locks.append(lock)
-        # In a worker functions of `atexit` are not called, but these are; in no fork of a process.
-        Finalize(None, _remove, (folder, os.getpid()), exitpriority=0)
+        # In a worker, functions of `atexit` are not called, but these are. Forks do not call them.
+        # Windows keeps a loaded library, so that errors are ignored.
+        Finalize(None, shutil.rmtree, (folder, True), exitpriority=0)
         fill(folder)
         _folders[key] = folder
     return _folders[key]
@@ -65,9 +66,3 @@ def remove_left_folders() -> None:
             if is_ours and is_old and stat.S_ISDIR(state.st_mode):
                 with FileLock(folder / _LOCK, timeout=0):
                     shutil.rmtree(folder, ignore_errors=True)
-
-
-def _remove(folder: Path, process: int) -> None:
-    """Remove a folder, unless a fork of its process ends."""
-    if os.getpid() == process:
-        shutil.rmtree(folder, ignore_errors=True)  # Windows keeps a loaded library
