@@ -15,6 +15,7 @@ import pytest
 from pids import LIMIT
 from repeats import Counting, driven_in, failures_in, recorded
 
+from frenetic._support.json_value import JSONValue
 from frenetic.campaign import Budget, Campaign, Event, RoadTester
 from frenetic.drivers import Planner
 from frenetic.errors import CampaignError
@@ -22,6 +23,7 @@ from frenetic.oracle.outcome import Outcome
 from frenetic.rerun.back_to_back import (
     BackToBack,
     back_to_back,
+    check_differ,
     compare_versions,
 )
 from frenetic.rerun.disturbances import UNDISTURBED
@@ -144,6 +146,16 @@ def test_an_interrupted_comparison_goes_on_with_the_same_results(
 def test_a_version_is_not_compared_with_itself(campaign: Path) -> None:
     with pytest.raises(CampaignError, match="both versions are the same, planner"):
         compare_planners(campaign, new=Planner())
+
+
+def test_equal_programs_are_told_that_no_copy_is_kept() -> None:
+    program: dict[str, JSONValue] = {
+        "class": "frenetic.drivers.command:CommandDriver",
+        "options": {"program": "./controller"},
+        "version": "version 1, files 1f3a9c07",
+    }
+    with pytest.raises(CampaignError, match="keeps no copy, so give the new one another name"):
+        check_differ(program, program)
 
 
 HELPER = """

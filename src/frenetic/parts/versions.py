@@ -35,6 +35,8 @@ from frenetic.parts.user_modules import USER_MODULE, is_local
 
 SHORT: Final = 8
 """Number of characters of a digest that people see."""
+FILES: Final = "files "
+"""Beginning of the digest, in a version's text, of files of data and programs."""
 _PACKAGE: Final = "frenetic"
 PACKAGES: Final = (DISTRIBUTION, "numpy", "numba", "scipy")
 """Distributions that a campaign's results depend on."""
@@ -99,7 +101,7 @@ def _version(
         texts.insert(0, f"source {digest[:SHORT]}")
     if file_digests:
         digest = hashlib.sha256("".join(file_digests).encode()).hexdigest()
-        texts.append(f"files {digest[:SHORT]}")
+        texts.append(f"{FILES}{digest[:SHORT]}")
     return Version(", ".join(dict.fromkeys(texts)), sources)
 
 

@@ -37,7 +37,8 @@ from frenetic.conditions.domain import Domain
 from frenetic.drivers import Driver
 from frenetic.errors import CampaignError
 from frenetic.oracle.outcome import Outcome
-from frenetic.parts.records import comparison_key
+from frenetic.parts.records import comparison_key, innermost, short_version
+from frenetic.parts.versions import FILES
 from frenetic.rerun.campaigns import DrivingOptions
 from frenetic.rerun.disturbances import (
     QualityPlan,
@@ -401,10 +402,13 @@ def check_differ(old: Mapping[str, JSONValue], new: Mapping[str, JSONValue]) -> 
         CampaignError: both versions are the same.
     """
     if comparison_key(old) == comparison_key(new):
-        raise CampaignError(
-            f"both versions are the same, {part_text(old)}: edit its file, which the campaign keeps"
-            " as it was, or give it other options"
-        )
+        remedy = "edit its file, which the campaign keeps as it was, or give it other options"
+        if FILES in short_version(innermost(old)):
+            remedy = (
+                "of programs and files of data the campaign keeps no copy, so give the new one"
+                " another name, and name it with --driver"
+            )
+        raise CampaignError(f"both versions are the same, {part_text(old)}: {remedy}")
 
 
 def back_to_back(
