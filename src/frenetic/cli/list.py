@@ -225,9 +225,4 @@ def _print_parts(registry: Registry, title: str | None) -> None:
         others = [condition.name for condition in wrappers if not condition.needs_camera]
         camera_text = f"; over one with a camera: {', '.join(camera)}" if camera else ""
         echo(f"Over the driver, in all of them: {', '.join(others)}{camera_text}.")
-    files = "".join(f", or path/to/file{suffix}" for suffix in registry.files)
-    class_name = registry.target.capitalize()
-    echo(
-        f"Your own: package.module:{class_name} or path/to/file.py:{class_name}{files} as"
-        f" --{registry.kind}."
-    )
+    echo(f"Your own: {registry.own_names} as --{registry.kind}.")

@@ -22,6 +22,7 @@ from types import ModuleType
 from typing import Any, Final
 
 from frenetic._support.entry_points import RegisteredPart, installed
+from frenetic._support.option_text import COMMAND
 from frenetic.criteria.criterion import SIGNALS
 from frenetic.errors import FreneticError, UnknownNameError, describe_raised, place_of
 from frenetic.parts.construction import (
@@ -123,7 +124,6 @@ class Registry:
                     f" the file alone, {source}"
                 )
             return self._import(name, name, is_users=True)
-        files = "".join(f" or path/to/file{suffix}" for suffix in self.files)
         word = self.target.capitalize()
         if name.endswith(".py"):
             raise UnknownNameError(
@@ -131,8 +131,17 @@ class Registry:
             )
         raise UnknownNameError(
             f"unknown {self.kind} {name!r}{hint(name, known)} Known: {', '.join(known)};"
-            f" your own goes as package.module:{word} or path/to/file.py:{word}{files}"
+            f" your own goes as {self.own_names}"
         )
+
+    @property
+    def own_names(self) -> str:
+        """Forms of a name that stands for a user's own part, in words."""
+        word = self.target.capitalize()
+        forms = [f"package.module:{word}", f"path/to/file.py:{word}"]
+        forms += [f"path/to/file{suffix}" for suffix in self.files]
+        forms += [f"{COMMAND}:./program"] if COMMAND in self.built_in else []
+        return " or ".join(forms)
 
     def absolute(
         self, name: str, options: Mapping[str, Any], folder: Path | str

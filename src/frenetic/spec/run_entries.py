@@ -62,8 +62,8 @@ class RunEntries(
     driver: Annotated[
         Text | None,
         _about(
-            "Who drives: a name ('frenetic list drivers'), package.module:Class, file.py:Class or"
-            " model.onnx. [default: as recorded, or planner]"
+            "Who drives: a name ('frenetic list drivers'), package.module:Class, file.py:Class,"
+            " model.onnx or command:./program. [default: as recorded, or planner]"
         ),
     ] = None
     simulator: Annotated[
