@@ -7,6 +7,7 @@ from collections.abc import Iterator, Mapping
 from contextlib import suppress
 from functools import cache
 from importlib import import_module
+from inspect import signature
 from typing import Any, Final
 
 from frenetic._support.option_text import part_word
@@ -82,9 +83,13 @@ def _default_options(class_name: str) -> Mapping[str, object]:
     module, _, name = class_name.partition(":")
     if module.partition(".")[0] != "frenetic":
         return {}
-    for arguments in ({}, {"seed": 0}):  # strategies need a seed
-        with suppress(Exception):  # an extra is not installed, or the class needs other arguments
-            return dict(_options_of(describe(getattr(import_module(module), name)(**arguments))))
+    with suppress(Exception):  # an extra is not installed
+        part_class = getattr(import_module(module), name)
+        for arguments in ({}, {"seed": 0}):  # strategies need a seed
+            with suppress(Exception):  # the class needs other arguments
+                return dict(_options_of(describe(part_class(**arguments))))
+        parameters = signature(part_class).parameters.values()
+        return {item.name: item.default for item in parameters if item.default is not item.empty}
     return {}
 
 

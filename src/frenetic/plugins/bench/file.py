@@ -16,7 +16,7 @@ from typing import Any, Final
 from msgspec import Struct, convert, structs
 
 from frenetic._support.bounds import Count, Index, Positive
-from frenetic._support.option_text import read_part
+from frenetic._support.option_text import COMMAND, part_word, read_part
 from frenetic._support.words import parse_duration
 from frenetic.campaign.tester import RoadTester
 from frenetic.errors import FreneticError
@@ -146,6 +146,8 @@ def _strategy(text: str) -> Entrant:
     spec, options, name = _read_entrant(text)
     settings = [f"{option}={json.dumps(value)}" for option, value in options.items()]
     default_name = ",".join([spec.rpartition(":")[2], *settings])
+    if spec == COMMAND:
+        default_name = part_word(spec, options)
     return Entrant(name=name or default_name, spec=spec, is_strategy=True, options=options)
 
 
