@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from frenetic.drivers.camera import Camera
     from frenetic.drivers.command import CommandDriver
     from frenetic.drivers.driver import CameraDriver, Controls, Driver, DriveSetup, Observation
+    from frenetic.drivers.half_drivers import SpeedOnly, SteeringOnly
     from frenetic.drivers.lane import Lane
     from frenetic.drivers.sensor_errors import (
         HeadingBias,
@@ -54,11 +55,13 @@ __all__ = [
     "Planner",
     "SpeedBias",
     "SpeedDropout",
+    "SpeedOnly",
     "SpeedPlan",
     "Stanley",
     "SteeringDeadBand",
     "SteeringGain",
     "SteeringOffset",
+    "SteeringOnly",
     "SteeringRate",
     "SteeringResolution",
     "YawRateBias",
@@ -85,11 +88,13 @@ _MODULES = {
     "Planner": "frenetic.drivers.builtin",
     "SpeedBias": "frenetic.drivers.sensor_errors",
     "SpeedDropout": "frenetic.drivers.sensor_errors",
+    "SpeedOnly": "frenetic.drivers.half_drivers",
     "SpeedPlan": "frenetic.drivers.builtin",
     "Stanley": "frenetic.drivers.builtin",
     "SteeringDeadBand": "frenetic.drivers.steering_errors",
     "SteeringGain": "frenetic.drivers.steering_errors",
     "SteeringOffset": "frenetic.drivers.steering_errors",
+    "SteeringOnly": "frenetic.drivers.half_drivers",
     "SteeringRate": "frenetic.drivers.steering_errors",
     "SteeringResolution": "frenetic.drivers.steering_errors",
     "YawRateBias": "frenetic.drivers.sensor_errors",

@@ -16,14 +16,10 @@ A package is imported when its driver is made, so packages of other drivers need
 from __future__ import annotations
 
 from importlib import import_module
-from typing import Any, Final
+from typing import Any
 
 from frenetic._support.words import pip_install
-from frenetic.drivers import DriveSetup, Planner, SpeedPlan
 from frenetic.errors import FreneticError
-
-LATERAL: Final = 4.0
-"""Default of the lateral acceleration that a driver accepts in bends, in m/s^2; our choice."""
 
 
 def package(module: str, extra: str) -> Any:
@@ -42,13 +38,3 @@ def package(module: str, extra: str) -> Any:
         raise FreneticError(
             f"the driver {extra} needs the package {error.name}: {pip_install(extra)}"
         ) from error
-
-
-def speed_plan(setup: DriveSetup, lateral: float) -> SpeedPlan:
-    """Return the built-in drivers' speed plan.
-
-    Args:
-        setup: setup of the drive.
-        lateral: lateral acceleration that is accepted in bends, in m/s^2.
-    """
-    return SpeedPlan(setup, Planner(lateral_acceleration=lateral))

@@ -7,7 +7,8 @@ from typing import Any, ClassVar, Final, Literal
 
 from frenetic._support.bounds import Positive, check
 from frenetic.drivers import Controls, DriveSetup, Observation
-from frenetic.plugins.third_party import LATERAL, package
+from frenetic.drivers.half_drivers import LATERAL
+from frenetic.plugins.third_party import package
 
 PATH_AHEAD: Final = 1000.0
 """Length of the reference path ahead of the car, in m; our choice."""

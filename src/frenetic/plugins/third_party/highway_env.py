@@ -8,7 +8,8 @@ import numpy as np
 
 from frenetic._support.bounds import Positive, check
 from frenetic.drivers import Controls, DriveSetup, Observation
-from frenetic.plugins.third_party import LATERAL, package, speed_plan
+from frenetic.drivers.half_drivers import LATERAL, speed_plan
+from frenetic.plugins.third_party import package
 
 
 class HighwayEnv:

@@ -7,7 +7,8 @@ from typing import ClassVar, Final
 
 from frenetic._support.bounds import Positive, check
 from frenetic.drivers import Controls, DriveSetup, Observation
-from frenetic.plugins.third_party import package, speed_plan
+from frenetic.drivers.half_drivers import speed_plan
+from frenetic.plugins.third_party import package
 
 PREVIEW: Final = 0.2
 """Time ahead of the car at which the lane's curvature is taken, in s; our choice."""
