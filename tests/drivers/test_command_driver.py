@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import pickle
 import shlex
 import sys
@@ -12,7 +13,7 @@ import pytest
 import sample_programs
 
 from frenetic import EmbeddedSimulator, Road
-from frenetic.drivers import CommandDriver, Driver
+from frenetic.drivers import CommandDriver, Driver, Observation, SpeedOnly, SteeringOnly
 from frenetic.errors import (
     ENDS_ITS_PROCESS,
     GIVES_NO_CONTROLS,
@@ -75,7 +76,10 @@ def test_a_program_drives_as_the_same_law_in_python(tmp_path: Path, code: str) -
         ("time.sleep(60)", HANGS, "took more than 0.5 s"),
         ("sys.stdout.write('{}\\n{}\\n'); sys.stdout.flush()", GIVES_NO_CONTROLS, "one line"),
         ("sys.stdout.write('x' * 2**21)", GIVES_NO_CONTROLS, "more than 1,048,576 bytes"),
-        ("answer = {}", GIVES_NO_CONTROLS, "without steering"),
+        ("answer = {}", GIVES_NO_CONTROLS, "without steering; one that only chooses its speed"),
+        ("del answer['throttle']", GIVES_NO_CONTROLS, "without throttle, brake, acceleration or"),
+        ("answer['speed'] = 3.0", GIVES_NO_CONTROLS, "more than one of pedals, acceleration and"),
+        ("answer = {'steering': 0.1, 'speed': -1.0}", GIVES_NO_CONTROLS, ">= 0.0"),
         ("answer = {'stering': 0.1}", GIVES_NO_CONTROLS, "unknown field `stering`"),
         ("answer = {'steering': float('nan')}", GIVES_NO_CONTROLS, "malformed"),
         ("answer = {'steering': 0.1, 'brake': 2.0}", GIVES_NO_CONTROLS, "<= 1.0"),
@@ -146,6 +150,118 @@ def test_a_program_chooses_its_period(tmp_path: Path) -> None:
     assert driven.trouble is None
     throttle = driven.trajectory.steering_input
     assert (throttle[2:-1:2] == throttle[3::2][: len(throttle[2:-1:2])]).all()
+
+
+HALF = """
+    import json, sys
+
+    hello, answer = map(json.loads, sys.argv[1:])
+    for line in sys.stdin:
+        [(kind, values)] = json.loads(line).items()
+        reply = {"hello": hello, "act": answer}.get(kind, {})
+        if "steering" in reply:
+            reply = reply | {"steering": 0.3 * values["ahead"][4][1] / 8.0}
+        print(json.dumps(reply), flush=True)
+"""
+BINARY_HALF = """
+    import json, struct, sys
+
+    hello, answer = map(json.loads, sys.argv[1:])
+    stdin, stdout = sys.stdin.buffer, sys.stdout.buffer
+    stdin.readline()
+    stdout.write((json.dumps({"records": "binary"} | hello) + "\\n").encode())
+    stdout.flush()
+    while record := stdin.read(8 * 174):
+        numbers = struct.unpack("<174d", record)
+        controls = [answer.get(name, float("nan")) for name in ("steering", "throttle", "brake")]
+        if "steering" in answer:
+            controls[0] = 0.3 * numbers[14 + 9] / 8.0
+        stdout.write(struct.pack("<3d", *controls))
+        stdout.flush()
+"""
+
+
+class SameSteering(SteeringOnly):
+    """The steering of the programs, in Python."""
+
+    def steer(self, observation: Observation) -> float:
+        return 0.3 * float(observation.ahead[4, 1]) / 8.0
+
+
+class Wanted(SpeedOnly):
+    """A wanted speed or acceleration, in Python."""
+
+    def __init__(self, speed: float | None = None, acceleration: float = 0.0) -> None:
+        self.wanted, self.rate = speed, acceleration
+
+    def speed(self, observation: Observation) -> float:
+        assert self.wanted is not None
+        return self.wanted
+
+    def acceleration(self, observation: Observation) -> float:
+        return self.rate if self.wanted is None else super().acceleration(observation)
+
+
+@pytest.mark.parametrize(
+    ("code", "hello", "answer", "same"),
+    [
+        (HALF, {"pedals": False}, {"steering": 0.0}, SameSteering()),
+        (BINARY_HALF, {"pedals": False}, {"steering": 0.0}, SameSteering()),
+        (
+            HALF,
+            {"pedals": False, "lateral": 2.0, "aggression": 1.1},
+            {"steering": 0.0},
+            SameSteering(lateral=2.0, aggression=1.1),
+        ),
+        (HALF, {"steers": False}, {"speed": 7.0}, Wanted(speed=7.0)),
+        (HALF, {"steers": False}, {"acceleration": 0.5}, Wanted(acceleration=0.5)),
+    ],
+)
+def test_a_program_may_leave_one_half_to_frenetic(
+    tmp_path: Path, code: str, hello: dict[str, object], answer: dict[str, float], same: Driver
+) -> None:
+    driven = drive(sample_programs.command(tmp_path, code, json.dumps(hello), json.dumps(answer)))
+    assert driven.trouble is None, driven.trouble
+    expected = EmbeddedSimulator().drive(ROAD, same)
+    assert (driven.trajectory.to_rows() == expected.trajectory.to_rows()).all()
+
+
+def test_a_binary_program_may_leave_the_steering_to_frenetic(tmp_path: Path) -> None:
+    words = json.dumps({"steers": False}), json.dumps({"throttle": 0.2, "brake": 0.0})
+    rows = [
+        drive(sample_programs.command(tmp_path, code, *words)).trajectory.to_rows()
+        for code in (HALF, BINARY_HALF)
+    ]
+    assert len(rows[0]) > 100
+    assert (rows[0] == rows[1]).all()
+
+
+@pytest.mark.parametrize("code", [HALF, BINARY_HALF])
+@pytest.mark.parametrize(
+    ("hello", "answer", "text"),
+    [
+        (
+            {"steers": False},
+            {"steering": 0.0, "throttle": 0.1, "brake": 0.0},
+            'with steering, though it greeted with "steers": false',
+        ),
+        (
+            {"pedals": False},
+            {"steering": 0.0, "throttle": 0.1},
+            'with a speed or pedals, though it greeted with "pedals": false',
+        ),
+        ({"steers": False, "pedals": False}, {}, "drives nothing"),
+        ({"lateral": 2.0}, {}, 'lateral and aggression need `"pedals": false`'),
+        ({"pedals": False, "lateral": 0.0}, {}, "> 0.0"),
+    ],
+)
+def test_halves_that_do_not_fit_the_greeting_are_a_fault(
+    tmp_path: Path, code: str, hello: dict[str, object], answer: dict[str, float], text: str
+) -> None:
+    driven = drive(sample_programs.command(tmp_path, code, json.dumps(hello), json.dumps(answer)))
+    assert driven.trouble is not None
+    assert driven.trouble.fault == Fault("driver", GIVES_NO_CONTROLS)
+    assert text in driven.trouble.reason
 
 
 @pytest.mark.parametrize(

@@ -7,15 +7,17 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, astuple, fields
 from struct import Struct
-from typing import Any, ClassVar, Final, Literal
+from typing import Any, ClassVar, Final, Literal, cast
 
 import msgspec
 import numpy as np
 
 from frenetic._support.arrays import FloatArray
-from frenetic._support.bounds import Finite, Positive, Share, check
+from frenetic._support.bounds import Finite, NotNegative, Positive, Share, check
 from frenetic._support.option_text import PROGRAM
+from frenetic.drivers.builtin import SpeedPlan, SpeedPlanner
 from frenetic.drivers.driver import AHEAD_POINTS, Controls, DriveSetup, Observation
+from frenetic.drivers.half_drivers import LATERAL, acceleration_to, lane_keeper, speed_plan
 from frenetic.errors import (
     ControlsError,
     DriverEndedError,
@@ -66,21 +68,44 @@ class DriverHello(Answer):
     """Form of the messages that follow."""
     period: float | None = None
     """Time between two decisions, in s; None for the simulator's, usually 0.05."""
+    steers: bool = True
+    """Whether the program steers; otherwise the law of `Stanley` keeps the lane."""
+    pedals: bool = True
+    """Whether the program has the pedals; otherwise the car drives at the planned speed."""
+    lateral: Positive | None = None
+    """Lateral acceleration that the planned speed accepts in bends, in m/s^2; None for 4."""
+    aggression: Positive | None = None
+    """Factor of `lateral` and of the planned braking; None for 1."""
+
+    def __post_init__(self) -> None:
+        if not self.steers and not self.pedals:
+            raise ValueError("a program that neither steers nor has the pedals drives nothing")
+        if self.pedals and (self.lateral, self.aggression) != (None, None):
+            raise ValueError('lateral and aggression need `"pedals": false`')
 
 
 class WantedControls(Answer):
-    """The answer to an observation."""
+    """The answer to an observation: steering, and pedals, an acceleration or a speed."""
 
     steering: Finite | None = None
     """Wanted angle of the front wheels, in rad, positive to the left."""
-    throttle: Share = 0.0
+    throttle: Share | None = None
     """Throttle pedal, 0..1."""
-    brake: Share = 0.0
+    brake: Share | None = None
     """Brake pedal, 0..1."""
+    acceleration: Finite | None = None
+    """Wanted acceleration, in m/s^2, in place of the pedals."""
+    speed: NotNegative | None = None
+    """Wanted speed, in m/s, in place of the pedals."""
     notes: dict[str, Finite] = msgspec.field(default_factory=dict)
     """Numbers that the program notes, for traces of drives."""
     plan: list[tuple[Finite, Finite]] | None = None
     """Points that it plans to drive through, in m in the car's frame, for traces."""
+
+    def ways(self) -> int:
+        """Return the number of ways in which the answer says how fast the car shall drive."""
+        has_pedals = (self.throttle, self.brake) != (None, None)
+        return has_pedals + (self.acceleration is not None) + (self.speed is not None)
 
 
 class CommandDriver:
@@ -153,21 +178,71 @@ class CommandDriver:
             else:
                 numbers_by_name = {name: _plain(value) for name, value in asdict(setup).items()}
                 self._program.ask({"reset": numbers_by_name}, Answer)
+        hello, self._setup = self._hello, setup
+        self._keeper: SpeedPlanner | None = None if hello.steers else lane_keeper(setup)
+        self._plan: SpeedPlan | None = None
+        if not hello.pedals:
+            self._plan = speed_plan(setup, hello.lateral or LATERAL, hello.aggression or 1.0)
 
     def act(self, observation: Observation) -> Controls:
         """Send an observation, and return the program's controls."""
         with self._blaming():
-            if self._hello.records == "binary":
-                return self._exchange(observation)
-            answer = self._program.ask({"act": as_message(observation)}, WantedControls)
-        if answer.steering is None:
-            self._program.close()
-            raise ControlsError("the driver's program answered an observation without steering")
-        self.trace_notes, self.trace_plan = answer.notes, answer.plan
-        return Controls(answer.steering, answer.throttle, answer.brake)
+            hello = self._hello
+            if hello.records == "binary":
+                steering, throttle, brake = self._exchange(observation)
+                if hello.steers and hello.pedals:
+                    return Controls(steering, throttle, brake)
+                answer = WantedControls(
+                    steering=_unless_left_out(steering, hello.steers),
+                    throttle=_unless_left_out(throttle, hello.pedals),
+                    brake=_unless_left_out(brake, hello.pedals),
+                )
+            else:
+                answer = self._program.ask({"act": as_message(observation)}, WantedControls)
+                self.trace_notes, self.trace_plan = answer.notes, answer.plan
+            return self._controls(answer, observation)
 
-    def _exchange(self, observation: Observation) -> Controls:
-        """Send an observation as a binary record, and return the program's controls."""
+    def _controls(self, answer: WantedControls, observation: Observation) -> Controls:
+        """Return controls from an answer, with the half that the program leaves to Frenetic."""
+        self._check_halves(answer)
+        if self._keeper is None:
+            steering = cast(float, answer.steering)
+        else:
+            steering = self._keeper.act(observation).steering
+        if self._plan is not None:
+            return self._plan.controls(observation, steering)
+        speed, acceleration = observation.speed, answer.acceleration
+        if answer.speed is not None:
+            acceleration = acceleration_to(answer.speed, speed)
+        if acceleration is not None:
+            return Controls.from_acceleration(
+                acceleration, steering, speed=speed, setup=self._setup
+            )
+        return Controls(steering, answer.throttle or 0.0, answer.brake or 0.0)
+
+    def _check_halves(self, answer: WantedControls) -> None:
+        """Raise an error unless an answer has the half, or halves, that the greeting promises."""
+        hello, ways = self._hello, answer.ways()
+        text = ""
+        if hello.steers and answer.steering is None:
+            text = 'without steering; one that only chooses its speed greets with "steers": false'
+        elif not hello.steers and answer.steering is not None:
+            text = 'with steering, though it greeted with "steers": false'
+        elif hello.pedals and ways == 0:
+            text = (
+                "without throttle, brake, acceleration or speed; one that only steers greets with"
+                ' "pedals": false'
+            )
+        elif not hello.pedals and ways:
+            text = 'with a speed or pedals, though it greeted with "pedals": false'
+        elif ways > 1:
+            text = "with more than one of pedals, acceleration and speed"
+        if text:
+            self._program.close()
+            raise ControlsError(f"the driver's program answered an observation {text}")
+
+    def _exchange(self, observation: Observation) -> tuple[float, float, float]:
+        """Send an observation as a binary record, and return steering, throttle and brake."""
         ahead = observation.ahead
         n = len(ahead)
         _HEAD_FORM.pack_into(
@@ -195,7 +270,8 @@ class CommandDriver:
         limits = observation.speed_limit_ahead
         self._limits[: len(limits)] = limits
         answer = self._program.exchange(self._bytes, _CONTROLS_FORM.size)
-        return Controls(*_CONTROLS_FORM.unpack(answer))
+        numbers: tuple[float, float, float] = _CONTROLS_FORM.unpack(answer)
+        return numbers
 
     def _greet(self) -> None:
         """Ask a new program how it wants its messages."""
@@ -215,6 +291,11 @@ class CommandDriver:
             raise DriverReportError(f"the driver's program {error}") from None
         except AnswerError as error:
             raise ControlsError(f"the driver's program {error}") from None
+
+
+def _unless_left_out(number: float, is_wanted: bool) -> float | None:
+    """Return a number of a binary answer; None for NaN in a half that is Frenetic's."""
+    return number if is_wanted or not math.isnan(number) else None
 
 
 def as_message(observation: Observation) -> dict[str, Any]:
