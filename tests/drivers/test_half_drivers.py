@@ -18,6 +18,7 @@ from frenetic.drivers import (
     SpeedOnly,
     Stanley,
     SteeringOnly,
+    wanted_curvature,
 )
 from frenetic.oracle.drive import Drive, Rules
 from frenetic.parts.registry import DRIVERS
@@ -181,3 +182,42 @@ def test_a_subclass_may_keep_the_defaults_without_calling_the_constructor() -> N
     np.testing.assert_array_equal(
         drive(Own()).trajectory.to_rows(), drive(Pursuit()).trajectory.to_rows()
     )
+
+
+@pytest.mark.parametrize("rate", [0.5, 1.0, 2.0])
+def test_the_wanted_curvature_returns_to_the_lanes_middle_with_critical_damping(
+    rate: float,
+) -> None:
+    """With y for the offset and v for the speed, v² κ = y'' = -2 rate y' - rate² y."""
+    wanted: list[float] = []
+    expected: list[float] = []
+
+    class Watch(Stanley):
+        def act(self, observation: Observation) -> Controls:
+            off = replace(observation, lateral_offset=0.4, heading_error=0.02, lateral_speed=0.1)
+            speed = max(off.speed, 3.0)
+            across = speed * math.sin(0.02 + math.atan2(0.1, speed))
+            wanted.append(wanted_curvature(off, rate=rate))
+            expected.append(-(2.0 * rate * across + rate * rate * 0.4) / speed**2)
+            return super().act(observation)
+
+    EmbeddedSimulator().drive(Road([0.0] * 8, 10.0), Watch())
+    assert len(wanted) > 100
+    assert wanted == pytest.approx(expected, rel=1e-9)
+
+
+def test_the_wanted_curvature_is_the_lanes_where_the_car_will_be() -> None:
+    road, wanted = Road(list(np.linspace(0.0, 0.02, 15)), 10.0), []
+
+    class Watch(Stanley):
+        def act(self, observation: Observation) -> Controls:
+            middle = replace(observation, lateral_offset=0.0, heading_error=0.0, lateral_speed=0.0)
+            if 20.0 < middle.distance < 100.0:
+                ahead = middle.lane(spacing=0.1, ahead=0.5 * middle.speed + 0.5)
+                wanted.append((wanted_curvature(middle, preview=0.5), ahead.curvatures[-1]))
+            return super().act(observation)
+
+    EmbeddedSimulator().drive(road, Watch())
+    assert len(wanted) > 50
+    for curvature, lanes in wanted:
+        assert curvature == pytest.approx(lanes, rel=0.05)

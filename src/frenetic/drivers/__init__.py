@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from frenetic.drivers.camera import Camera
     from frenetic.drivers.command import CommandDriver
     from frenetic.drivers.driver import CameraDriver, Controls, Driver, DriveSetup, Observation
-    from frenetic.drivers.half_drivers import SpeedOnly, SteeringOnly
+    from frenetic.drivers.half_drivers import SpeedOnly, SteeringOnly, wanted_curvature
     from frenetic.drivers.lane import Lane
     from frenetic.drivers.sensor_errors import (
         HeadingBias,
@@ -66,6 +66,7 @@ __all__ = [
     "SteeringResolution",
     "YawRateBias",
     "YawRateDropout",
+    "wanted_curvature",
 ]
 
 _MODULES = {
@@ -99,6 +100,7 @@ _MODULES = {
     "SteeringResolution": "frenetic.drivers.steering_errors",
     "YawRateBias": "frenetic.drivers.sensor_errors",
     "YawRateDropout": "frenetic.drivers.sensor_errors",
+    "wanted_curvature": "frenetic.drivers.half_drivers",
 }
 """Public name -> module from which `__getattr__` imports it on use."""
 

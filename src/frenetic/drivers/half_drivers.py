@@ -1,7 +1,12 @@
-"""Bases of drivers that only steer, or only choose their speed: Frenetic does the other half."""
+"""Half a driver, for controllers that do the other half.
+
+Bases of drivers that only steer, or only choose their speed, and a law for controllers that only
+follow a curvature.
+"""
 
 from __future__ import annotations
 
+import math
 from typing import Final, Literal, TypeAlias
 
 from frenetic._support.bounds import Positive, check
@@ -11,6 +16,11 @@ from frenetic.errors import DriverError
 
 LATERAL: Final = 4.0
 """Default of the lateral acceleration that a speed plan accepts in bends, in m/s^2; our choice."""
+PREVIEW: Final = 0.2
+"""Default of the preview of `wanted_curvature`, in s; our choice."""
+RETURN_RATE: Final = 1.0
+"""Default of the rate at which `wanted_curvature` returns to the lane's middle, in 1/s; ours."""
+_MIN_SPEED: Final = 3.0  # [m/s] by which `wanted_curvature` divides at least; our choice
 Law: TypeAlias = Literal["stanley", "planner"]
 """Name of the built-in driver by whose law a car keeps its lane."""
 _KEEPERS: Final[dict[str, type[SpeedPlanner]]] = {"stanley": Stanley, "planner": Planner}
@@ -37,6 +47,28 @@ def lane_keeper(setup: DriveSetup, law: Law = "stanley") -> SpeedPlanner:
 def acceleration_to(wanted: float, speed: float) -> float:
     """Return the acceleration, in m/s^2, by which the built-in drivers reach a speed, in m/s."""
     return SpeedPlanner.speed_gain * (wanted - speed)
+
+
+def wanted_curvature(
+    observation: Observation, *, preview: float = PREVIEW, rate: float = RETURN_RATE
+) -> float:
+    """Return the curvature, in 1/m, that keeps the car in its lane's middle.
+
+    It is the lane's curvature a moment ahead, with a critically damped return to the middle: with
+    offset y and speed v, y'' + 2 rate y' + rate^2 y = 0.
+
+    Args:
+        observation: the observation.
+        preview: driving time to the point at which the lane's curvature is taken, in s.
+        rate: rate at which the car returns to the middle, in 1/s.
+    """
+    speed = max(observation.speed, _MIN_SPEED)
+    lane = observation.lane(spacing=1.0, ahead=preview * speed + 1.0)
+    # y' = v sin(course), and v^2 times the curvature beyond the lane's is y''.
+    course = observation.heading_error + math.atan2(observation.lateral_speed, speed)
+    damped_offset = 2.0 * math.sin(course) + rate * observation.lateral_offset / speed
+    curvature: float = lane.curvatures[-2:].mean() - rate * damped_offset / speed
+    return curvature
 
 
 class SteeringOnly:

@@ -7,13 +7,9 @@ from typing import ClassVar, Final
 
 from frenetic._support.bounds import Positive, check
 from frenetic.drivers import Controls, DriveSetup, Observation
-from frenetic.drivers.half_drivers import speed_plan
+from frenetic.drivers.half_drivers import speed_plan, wanted_curvature
 from frenetic.plugins.third_party import package
 
-PREVIEW: Final = 0.2
-"""Time ahead of the car at which the lane's curvature is taken, in s; our choice."""
-RETURN_RATE: Final = 1.0
-"""Rate at which the car returns to the lane's centre, in 1/s; our choice."""
 # Of a car about which the simulator does not say them, our choice:
 _MASS: Final = 1500.0  # [kg]
 _STIFFNESS: Final = 1e5  # [N/rad] of an axle, per m from the centre of mass to the other axle
@@ -24,10 +20,10 @@ _TESLA_STEER_RATIO: Final = 12.0  # angle of the steering wheel to angle of the 
 class Opendbc:
     """opendbc's vehicle model and its steering limits of a Tesla, under our curvature law.
 
-    openpilot's planner is not in the package, so the glue has a law of its own: the curvature of
-    the lane a moment ahead, with a critically damped return to the lane's centre. opendbc turns the
-    curvature into an angle of the steering wheel, and limits lateral acceleration (3.6 m/s^2), jerk
-    and rate.
+    openpilot's planner is not in the package, so the glue has a law of its own,
+    `wanted_curvature`: the curvature of the lane a moment ahead, with a critically damped return to
+    the lane's centre. opendbc turns the curvature into an angle of the steering wheel, and limits
+    lateral acceleration (3.6 m/s^2), jerk and rate.
 
     Args:
         lateral: largest lateral acceleration of the planned speed in bends, in m/s^2.
@@ -69,13 +65,7 @@ class Opendbc:
     def act(self, observation: Observation) -> Controls:
         """Return the limited steering, and the pedals of the speed plan."""
         speed = max(observation.speed, _MIN_SPEED)
-        lane = observation.lane(spacing=1.0, ahead=PREVIEW * speed + 1.0)
-        # With offset y, rate r and speed v: y'' + 2 r y' + r^2 y = 0, where y' = v sin(course) and
-        # v^2 times the curvature beyond the lane's is y''.
-        course = observation.heading_error + math.atan2(observation.lateral_speed, speed)
-        damped_offset = 2.0 * math.sin(course) + RETURN_RATE * observation.lateral_offset / speed
-        curvature = lane.curvatures[-2:].mean() - RETURN_RATE * damped_offset / speed
-        no_roll = 0.0
+        curvature, no_roll = wanted_curvature(observation), 0.0
         # In degrees at the steering wheel:
         wanted = math.degrees(self._car.get_steer_from_curvature(curvature, speed, no_roll))
         measured = math.degrees(observation.steering) * self._car.sR
