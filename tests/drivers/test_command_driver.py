@@ -82,7 +82,6 @@ def test_a_program_drives_as_the_same_law_in_python(tmp_path: Path, code: str) -
         ("answer = {'steering': 0.1, 'speed': -1.0}", GIVES_NO_CONTROLS, ">= 0.0"),
         ("answer = {'stering': 0.1}", GIVES_NO_CONTROLS, "unknown field `stering`"),
         ("answer = {'steering': float('nan')}", GIVES_NO_CONTROLS, "malformed"),
-        ("answer = {'steering': 0.1, 'brake': 2.0}", GIVES_NO_CONTROLS, "<= 1.0"),
         ("answer = {'error': 'no solution'}", REPORTS, "reports: no solution"),
         ("os.close(1); time.sleep(60)", ENDS_ITS_PROCESS, "closed its output"),
         (
@@ -140,6 +139,12 @@ def test_what_a_program_prints_for_people_is_passed_on(
     while not (printed := capsys.readouterr().err) and time.monotonic() < deadline:
         time.sleep(0.01)
     assert printed == "fifth\n"
+
+
+def test_pedals_beyond_their_range_are_cut_as_of_other_drivers(tmp_path: Path) -> None:
+    driven = drive(sample_programs.driver(tmp_path, "answer['brake'] = 2.0"))
+    assert driven.trouble is None
+    assert driven.trajectory.brake.max() == 1.0
 
 
 def test_a_program_chooses_its_period(tmp_path: Path) -> None:

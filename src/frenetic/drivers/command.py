@@ -13,7 +13,7 @@ import msgspec
 import numpy as np
 
 from frenetic._support.arrays import FloatArray
-from frenetic._support.bounds import Finite, NotNegative, Positive, Share, check
+from frenetic._support.bounds import Finite, NotNegative, Positive, check
 from frenetic._support.option_text import PROGRAM
 from frenetic.drivers.builtin import SpeedPlan, SpeedPlanner
 from frenetic.drivers.driver import AHEAD_POINTS, Controls, DriveSetup, Observation
@@ -89,10 +89,10 @@ class WantedControls(Answer):
 
     steering: Finite | None = None
     """Wanted angle of the front wheels, in rad, positive to the left."""
-    throttle: Share | None = None
-    """Throttle pedal, 0..1."""
-    brake: Share | None = None
-    """Brake pedal, 0..1."""
+    throttle: Finite | None = None
+    """Throttle pedal, 0..1; values outside are cut."""
+    brake: Finite | None = None
+    """Brake pedal, 0..1; values outside are cut."""
     acceleration: Finite | None = None
     """Wanted acceleration, in m/s^2, in place of the pedals."""
     speed: NotNegative | None = None
