@@ -14,7 +14,7 @@ from frenetic.oracle.verdict import judge
 from frenetic.segments.causes import Kind, mistake_of
 from frenetic.segments.departure import Departure
 from frenetic.segments.evidence import evidence_of_result
-from frenetic.segments.passing import PassingDrives, Usual
+from frenetic.segments.passing import PassingDrives, UsualRange
 from frenetic.segments.segment import Segment, segment_of
 
 
@@ -42,8 +42,8 @@ def test_demand_and_steering_are_those_of_bends_alike_to_either_side(
     passing: PassingDrives,
 ) -> None:
     demand, steering = passing.usual_demand(0.021), passing.usual_steering(-0.021)
-    assert isinstance(demand, Usual)
-    assert isinstance(steering, Usual)
+    assert isinstance(demand, UsualRange)
+    assert isinstance(steering, UsualRange)
     largest, into = [], []
     for segment, _ in PASSES:
         n = len(segment.assessment.distance)

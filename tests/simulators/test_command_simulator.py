@@ -44,7 +44,7 @@ def test_the_program_says_its_car_and_a_copy_has_its_own(tmp_path: Path) -> None
 @pytest.mark.parametrize(
     ("bad", "text"),
     [
-        ("answer = {'x': 'far'}", "Expected `float`"),
+        ("answer = {'x': 'far'}", "Expected `float "),
         ("answer = {'error': 'no map'}", "reports: no map"),
         ("sys.exit(4)", "ended with exit code 4"),
     ],
@@ -78,3 +78,31 @@ def test_steps_may_be_binary(tmp_path: Path) -> None:
         drive = simulator.drive(Road([0.0] * 6, 10.0), Planner())
     assert drive.trouble is None
     assert drive.trajectory.speed[1:].tolist() == [10.0] * (len(drive.trajectory) - 1)
+
+
+@pytest.mark.parametrize(
+    ("bad", "missing"),
+    [("answer = {}", "x and y and heading"), ("answer.pop('heading')", "heading")],
+)
+def test_a_motion_without_a_place_is_refused(tmp_path: Path, bad: str, missing: str) -> None:
+    simulator = CommandSimulator(sample_programs.simulator(tmp_path, bad))
+    text = f"answered without {missing} of the car"
+    with simulator, pytest.raises(SimulatorProgramError, match=text):
+        simulator.drive(ROAD, Planner())
+
+
+def test_asking_for_the_car_leaves_no_program_behind(tmp_path: Path) -> None:
+    log = tmp_path / "log"
+    start = f"log = open({str(log)!r}, 'a'); log.write('start '); log.flush()"
+    code = sample_programs.SIMULATOR.replace(
+        "import json, math, sys", f"import json, math, sys; {start}"
+    ).replace("BAD", "pass")
+    code += "\n    log.write('end '); log.close()\n"
+    simulator = CommandSimulator(sample_programs.command(tmp_path, code))
+    assert simulator.car.length == 4.0
+    assert simulator.car.length == 4.0
+    assert log.read_text() == "start end "
+    with simulator:
+        assert simulator.drive(ROAD, Planner()).trouble is None
+        assert log.read_text() == "start end start "
+    assert log.read_text() == "start end start end "  # its input was closed, and it was not killed

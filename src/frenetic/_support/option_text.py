@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Mapping
+import shlex
+import subprocess
+import sys
+from collections.abc import Mapping, Sequence
 from itertools import pairwise
 from typing import Any, Final
 
@@ -101,6 +104,22 @@ def _setting_text(value: object) -> str:
         is_plain = not set(value) & set(',"[]{}') and read_setting(value) == value
         return value if is_plain else json.dumps(value)
     return json.dumps(value, default=plain)
+
+
+def split_command(command: str) -> list[str]:
+    """Return program and arguments of a command, split as a shell of this system does.
+
+    Raises:
+        ValueError: a quotation has no end.
+    """
+    words = shlex.split(command, posix=sys.platform != "win32")
+    # On Windows a backslash is no escape, and quotes stay around their words.
+    return [word.strip('"') for word in words] if sys.platform == "win32" else words
+
+
+def join_command(words: Sequence[str]) -> str:
+    """Return a command that `split_command` splits into these words."""
+    return subprocess.list2cmdline(words) if sys.platform == "win32" else shlex.join(words)
 
 
 def number_word(value: object) -> str:

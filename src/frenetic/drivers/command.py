@@ -1,11 +1,11 @@
-"""A driver that is a program in any language: docs/programs.md describes what they write."""
+"""A driver that is a program in any language; docs/programs.md lists the messages."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import asdict, astuple, fields
+from dataclasses import asdict, astuple
 from struct import Struct
 from typing import Any, ClassVar, Final, Literal, cast
 
@@ -31,8 +31,8 @@ from frenetic.processes.programs import (
     ProgramEnded,
     ProgramLate,
     ProgramReport,
-    files_of,
-    words_of,
+    command_files,
+    command_words,
 )
 
 PROTOCOL: Final = 1
@@ -126,7 +126,7 @@ class CommandDriver:
     def __init__(self, program: str, *, deadline: Positive = 5.0) -> None:
         check({"deadline": deadline}, CommandDriver.__init__)
         self._command, self._deadline = program, deadline
-        self._words = words_of(program)
+        self._words = command_words(program)
         self._start()
 
     @property
@@ -157,7 +157,7 @@ class CommandDriver:
     @property
     def version_files(self) -> tuple[str, ...]:
         """Files that belong to the driver's version: the program, and arguments that are files."""
-        return files_of(self._words)
+        return command_files(self._words)
 
     @property
     def period(self) -> float | None:
@@ -316,7 +316,3 @@ def _finite_list(values: FloatArray) -> list[float | None]:
     """Return numbers for JSON, which has no infinity."""
     numbers: list[float | None] = values.tolist()
     return numbers if np.isfinite(values).all() else [_plain(number) for number in numbers]
-
-
-SETUP_FIELDS: Final = tuple(field.name for field in fields(DriveSetup))
-"""Names of the numbers of a binary record of a setup, after the first."""

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import shlex
+import os
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from frenetic._support.option_text import PROGRAM
+from frenetic._support.option_text import PROGRAM, join_command, split_command
 
 
 def path_in(folder: Path | str, name: str) -> Path:
@@ -38,11 +38,14 @@ def _absolute_program(command: str, folder: Path | str) -> str:
     A program without a slash, such as ``node``, is looked for where the system looks for programs.
     """
     try:
-        words = shlex.split(command)
-    except ValueError:  # it is refused where the part is made
+        words = split_command(command)
+        paths = [path_in(folder, word).absolute() for word in words]
+    except (ValueError, RuntimeError):  # it is refused where the part is made, or has no such home
         return command
-    paths = [path_in(folder, word).absolute() for word in words]
-    return shlex.join(
-        str(path) if path.is_file() and (i or "/" in word) else word
-        for i, (word, path) in enumerate(zip(words, paths, strict=True))
+    return join_command(
+        [
+            # Any text may be an argument, also one that is too long for a path.
+            str(path) if os.path.isfile(path) and (i or Path(word).name != word) else word  # noqa: PTH113
+            for i, (word, path) in enumerate(zip(words, paths, strict=True))
+        ]
     )

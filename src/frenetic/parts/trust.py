@@ -131,10 +131,12 @@ def _texts_and_remedy(
     texts, arguments, have_options = [], [], True
     for kind in kinds:
         word, (name, options) = without_number(kind), parts[kind]
-        text = part_word(name, options) if PROGRAM in options else name
-        texts.append(f"the {word} {shortened(text, _MAX_TEXT)!r}")
+        text, argument = shortened(name, _MAX_TEXT), shortened(part_word(name, options), _MAX_TEXT)
+        if PROGRAM in options:  # all of it will run
+            text = argument = part_word(name, options)
+        texts.append(f"the {word} {text!r}")
         if word in optional:
-            arguments += [f"--{word}", shortened(part_word(name, options), _MAX_TEXT)]
+            arguments += [f"--{word}", argument]
         else:
             have_options = False
     remedy = f"name it yourself, {shlex.join(arguments)}, or add --trust"

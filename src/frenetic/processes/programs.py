@@ -10,7 +10,6 @@ from __future__ import annotations
 import math
 import os
 import select
-import shlex
 import shutil
 import subprocess
 import sys
@@ -24,6 +23,7 @@ from typing import Any, Final, TypeVar
 from msgspec import Struct
 from msgspec.json import Encoder
 
+from frenetic._support.option_text import split_command
 from frenetic._support.outside_text import read_json
 from frenetic._support.printable import printable
 from frenetic.errors import FreneticError
@@ -41,7 +41,7 @@ _LAST_WORDS: Final = 500
 _QUOTED: Final = 80
 """Largest number of characters of an answer that an error quotes (our choice)."""
 _END_LIMIT: Final = 1.0
-"""Time in which a program ends after it has closed its output, in s (our choice)."""
+"""Time in which a program ends after its input or its output is closed, in s (our choice)."""
 _MOST_WAIT: Final = 0.5
 """Longest time between two looks at the deadline, in s (our choice)."""
 _CHUNK: Final = 1 << 16
@@ -79,16 +79,14 @@ class Answer(Struct, forbid_unknown_fields=True):
 AnswerT = TypeVar("AnswerT", bound=Answer)
 
 
-def words_of(command: str) -> tuple[str, ...]:
+def command_words(command: str) -> tuple[str, ...]:
     """Return program and arguments of a command, split as a shell does; no shell runs.
 
     Raises:
         FreneticError: the command is empty, has a quotation without end, or names no program.
     """
     try:
-        words = shlex.split(command, posix=sys.platform != "win32")
-        if sys.platform == "win32":  # a backslash is no escape there, so quotes stay
-            words = [word.strip('"') for word in words]
+        words = split_command(command)
     except ValueError as error:
         raise FreneticError(f"the command {command!r} cannot be split: {error}") from None
     if not words:
@@ -101,7 +99,7 @@ def words_of(command: str) -> tuple[str, ...]:
     return tuple(words)
 
 
-def files_of(words: Sequence[str]) -> tuple[str, ...]:
+def command_files(words: Sequence[str]) -> tuple[str, ...]:
     """Return the files among the words of a command: the program, and arguments that are files."""
     program = shutil.which(words[0])
     files = [word for word in words[1:] if os.path.isfile(word)]  # noqa: PTH113  # any text
@@ -166,7 +164,7 @@ class Program:
                 self._on_start()
 
     def close(self) -> None:
-        """Kill the program with all that it has started."""
+        """End the program by closing its input, and kill all that it has started."""
         running, self._running = self._running, None
         if running is not None:
             running.close()
@@ -241,7 +239,7 @@ class _Running:
         return answer
 
     def close(self) -> None:
-        """Kill the program with all that it has started."""
+        """End the program, see `_end`."""
         self._end()
 
     def _write(self, message: bytes | memoryview) -> None:
@@ -335,11 +333,17 @@ class _Guard:
         with suppress(OSError, ValueError):  # it was closed
             while chunk := os.read(self._process.stderr.fileno(), _CHUNK):
                 self._words = (self._words + chunk)[-_LAST_WORDS:]
-                sys.stderr.write(chunk.decode(errors="replace"))
+                with suppress(OSError, ValueError):  # nobody reads our stderr
+                    sys.stderr.write(chunk.decode(errors="replace"))
 
 
 def _end(process: subprocess.Popen[bytes], guard: _Guard) -> None:
-    """Kill a program with all that it has started, and close its streams."""
+    """End a program by closing its input; kill it, and all that it has started, a second later."""
+    if process.stdin is not None:
+        with suppress(OSError):
+            process.stdin.close()
+    with suppress(subprocess.TimeoutExpired):
+        process.wait(_END_LIMIT)
     guard.over.set()
     kill_tree(process.pid)
     process.kill()

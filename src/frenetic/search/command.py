@@ -1,4 +1,4 @@
-"""A strategy that is a program in any language: docs/programs.md describes what they write."""
+"""A strategy that is a program in any language; docs/programs.md lists the messages."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ from frenetic.processes.programs import (
     AnswerT,
     Program,
     ProgramError,
-    files_of,
+    command_files,
+    command_words,
     text_of,
-    words_of,
 )
 from frenetic.road import MAP_SIZE
 from frenetic.search.records import Candidate, Evaluation, Origin
@@ -68,8 +68,9 @@ class Proposal(Answer):
 class CommandSearch(Strategy):
     """A program in any language that proposes roads and reads their results.
 
-    The program runs in the current folder, without a shell, until the search is over. A resumed
-    search repeats all questions and results to a new program, which has to answer as before.
+    The program runs in the current folder, without a shell, until it ends the search or the process
+    of the search ends. A resumed search repeats all questions and results to a new program, which
+    has to answer as before.
 
     Args:
         seed: A whole number of at least 0, for the program.
@@ -101,7 +102,7 @@ class CommandSearch(Strategy):
             "deadline": deadline,
         }
         check(self.options, CommandSearch.__init__)
-        self._words = words_of(program)
+        self._words = command_words(program)
         self._program = Program(self._words, deadline)
         self._ledger = Ledger()
         self._hello: SearchHello | None = None
@@ -110,7 +111,7 @@ class CommandSearch(Strategy):
     @property
     def version_files(self) -> tuple[str, ...]:
         """Files that belong to the version: the program, and arguments that are files."""
-        return files_of(self._words)
+        return command_files(self._words)
 
     def ask(self) -> Candidate | None:
         """Return the program's next road, or None if it needs a result first.

@@ -18,7 +18,7 @@ from frenetic.segments.bends import bend_of_place, bends_of, place_text
 from frenetic.segments.causes import Cause, Kind, Mistake, hold_time, mistake_of
 from frenetic.segments.commands import MOST_STEERING
 from frenetic.segments.departure import Departure
-from frenetic.segments.passing import PassingDrives, Usual
+from frenetic.segments.passing import PassingDrives, UsualRange
 from frenetic.segments.segment import Segment, segment_of
 
 _AFTERWARDS: Final = 0.6
@@ -58,7 +58,7 @@ class Evidence:
     """Speed there, in m/s."""
     lateral_acceleration: float
     """Acceleration that the road's curvature demands at this speed, in m/s²."""
-    usual: Usual | None = None
+    usual: UsualRange | None = None
     """What the driver does in its passing drives, which `text` says at its end; None if they are
     not known, or too few."""
 
@@ -148,7 +148,9 @@ def _mistake_of(segment: Segment, passing: PassingDrives | None) -> Mistake:
     return compared if compared.cause == mistake.cause else mistake
 
 
-def _usual(kind: Kind, passing: PassingDrives, departure: Departure, record: int) -> Usual | None:
+def _usual(
+    kind: Kind, passing: PassingDrives, departure: Departure, record: int
+) -> UsualRange | None:
     """Return what a driver does in passing drives instead of a mistake of this kind.
 
     Args:

@@ -25,7 +25,7 @@ _ALIKE: Final = 0.15  # largest difference of two curvatures that are alike, as 
 
 
 @dataclass(frozen=True)
-class Usual:
+class UsualRange:
     """A quantity in passing drives, where the road bends as it does at a mistake."""
 
     text: str
@@ -94,12 +94,13 @@ class PassingDrives:
             bends=np.array(bends, np.float64).reshape(-1, 3),
         )
 
-    def usual_offset(self) -> Usual:
+    def usual_offset(self) -> UsualRange:
         """Return how far from its lane's middle the car is."""
-        text = f"stays within {self.offset:.1f} m of its lane's middle for 90 % of the time"
-        return Usual(text, "offset", 0.0, self.offset, self.drives)
+        share = f"{100 * _OFFSET_QUANTILE:.0f} %"
+        text = f"stays within {self.offset:.1f} m of its lane's middle for {share} of the time"
+        return UsualRange(text, "offset", 0.0, self.offset, self.drives)
 
-    def usual_demand(self, sharpest: float) -> Usual | None:
+    def usual_demand(self, sharpest: float) -> UsualRange | None:
         """Return the largest lateral acceleration in bends alike; None with too few bends.
 
         Args:
@@ -112,9 +113,9 @@ class PassingDrives:
             return None
         low, high = (float(value) for value in np.quantile(demand[alike], [_LOW, _HIGH]))
         text = f"usually has {_range_text(low, high)} m/s² in such bends"
-        return Usual(text, "lateral_acceleration", low, high, drives)
+        return UsualRange(text, "lateral_acceleration", low, high, drives)
 
-    def usual_steering(self, curvature: float) -> Usual | None:
+    def usual_steering(self, curvature: float) -> UsualRange | None:
         """Return the steering into bends where their curvature is alike; None with few records.
 
         Args:
@@ -130,10 +131,10 @@ class PassingDrives:
             return None
         low, high = (float(value) for value in np.quantile(into[alike], [_LOW, _HIGH]))
         text = f"usually steers {_range_text(np.degrees(low), np.degrees(high))}° into such bends"
-        return Usual(text, "steering_into_bend", low, high, drives)
+        return UsualRange(text, "steering_into_bend", low, high, drives)
 
 
 def _range_text(low: float, high: float) -> str:
     """Return a range of rounded numbers, such as ``38 to 44``."""
-    texts = f"{low:.0f}", f"{high:.0f}"
+    texts = str(round(low)), str(round(high))
     return texts[0] if texts[0] == texts[1] else " to ".join(texts)

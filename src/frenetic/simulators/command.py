@@ -1,4 +1,4 @@
-"""A simulator that is a program in any language: docs/programs.md describes what they write."""
+"""A simulator that is a program in any language; docs/programs.md lists the messages."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from frenetic._support.bounds import Finite, Positive, check
 from frenetic._support.option_text import PROGRAM
 from frenetic.drivers.driver import DriveSetup
 from frenetic.oracle.drive import CarBody, Rules
-from frenetic.processes.programs import Answer, Program, ProgramError, files_of, words_of
+from frenetic.processes.programs import Answer, Program, ProgramError, command_files, command_words
 from frenetic.road import Pose, Road
 from frenetic.road.files import entries_of
 from frenetic.simulators.stepped import Motion, SteppedSimulator
@@ -50,9 +50,9 @@ class SimulatorHello(Answer):
 class MotionAnswer(Answer):
     """The answer to a start or a step: the motion of the car, as `Motion` has it."""
 
-    x: Finite = 0.0
-    y: Finite = 0.0
-    heading: Finite = 0.0
+    x: Finite | None = None
+    y: Finite | None = None
+    heading: Finite | None = None
     speed: Finite = 0.0
     lateral_speed: Finite = 0.0
     yaw_rate: Finite = 0.0
@@ -90,8 +90,10 @@ class CommandSimulator(SteppedSimulator):
         super().__init__(rules=rules, wall_limit=wall_limit)
         check({"deadline": deadline}, CommandSimulator.__init__)
         self.options = {PROGRAM: program, "deadline": deadline, "wall_limit": wall_limit}
-        self._words = words_of(program)
+        self._words = command_words(program)
         self._deadline = deadline
+        self._car: CarBody | None = None
+        self._is_entered = False
         self._make_program()
 
     def _make_program(self) -> None:
@@ -101,7 +103,8 @@ class CommandSimulator(SteppedSimulator):
     def __getstate__(self) -> dict[str, Any]:
         """Return the attributes without the program: a copy in another process starts its own."""
         left_out = ("_program", "_hello")
-        return {name: value for name, value in vars(self).items() if name not in left_out}
+        attributes = {name: value for name, value in vars(self).items() if name not in left_out}
+        return attributes | {"_is_entered": False}
 
     def __setstate__(self, attributes: dict[str, Any]) -> None:
         vars(self).update(attributes)
@@ -110,12 +113,19 @@ class CommandSimulator(SteppedSimulator):
     @property
     def version_files(self) -> tuple[str, ...]:
         """Files that belong to the simulator's version: the program, and its arguments' files."""
-        return files_of(self._words)
+        return command_files(self._words)
 
     @property
     def car(self) -> CarBody:
-        """The box that the car covers, which the program says."""
-        self._call(self._program.start)
+        """The box that the car covers, which the program says.
+
+        Outside of a ``with`` block a program is started for the answer, and ended again.
+        """
+        if self._car is None:
+            self._call(self._program.start)
+            if not self._is_entered:
+                self._program.close()
+        assert self._car is not None
         return self._car
 
     @car.setter
@@ -125,6 +135,7 @@ class CommandSimulator(SteppedSimulator):
     def __enter__(self) -> Self:
         """Start the program, which describes its car."""
         self._call(self._program.start)
+        self._is_entered = True
         return self
 
     def __exit__(
@@ -134,6 +145,7 @@ class CommandSimulator(SteppedSimulator):
         trace: TracebackType | None,
     ) -> None:
         """End the program."""
+        self._is_entered = False
         self._program.close()
 
     def start(self, road: Road, pose: Pose, setup: DriveSetup) -> Motion:
@@ -158,6 +170,12 @@ class CommandSimulator(SteppedSimulator):
     def _moved(self, message: dict[str, Any]) -> Motion:
         """Return the motion with which the program answers a message."""
         answer = self._call(lambda: self._program.ask(message, MotionAnswer))
+        missing = [name for name in Motion._fields if getattr(answer, name) is None]
+        if missing:
+            self._program.close()
+            raise SimulatorProgramError(
+                f"the simulator's program answered without {' and '.join(missing)} of the car"
+            )
         return Motion(*(getattr(answer, name) for name in Motion._fields))
 
     def _call(self, call: Callable[[], T]) -> T:
