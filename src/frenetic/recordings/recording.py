@@ -41,7 +41,7 @@ class ChannelTable(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True
     """Which channels of a recording are which signals."""
 
     channels: Mapping[str, bool | str | SignalLink] = {}
-    """RecordedChannel -> its signal; false for a channel that is no signal."""
+    """Channel -> its signal; false for a channel that is no signal."""
 
 
 @dataclass(frozen=True, eq=False)
