@@ -98,6 +98,17 @@ def test_a_table_says_which_channel_is_which_signal(tmp_path: Path) -> None:
     assert "lateral_offset" not in signals
 
 
+def test_a_channel_that_a_table_names_has_the_unit_at_the_end_of_its_name(tmp_path: Path) -> None:
+    columns = {"clock_ms": 100.0 * np.arange(50), "pace_mph": np.full(50, 10.0), "s": np.arange(50)}
+    (tmp_path / "t.toml").write_text(
+        "[channels]\nclock_ms = 'time'\npace_mph = 'speed'\ns = 'distance'\n"
+    )
+    recording = read(write_csv(tmp_path / "a.csv", columns), signals=str(tmp_path / "t.toml"))
+    assert recording.time == pytest.approx(0.1 * np.arange(50))
+    assert recording.signals["speed"] == pytest.approx(np.full(50, 4.4704))
+    assert recording.signals["distance"] == pytest.approx(np.arange(50.0))
+
+
 def test_the_most_usual_name_counts_and_equal_names_are_refused(tmp_path: Path) -> None:
     columns = straight(v=np.full(50, 99.0))
     assert read(write_csv(tmp_path / "a.csv", columns)).signals["speed"][0] == 10.0
@@ -125,6 +136,7 @@ def test_a_channel_of_another_unit_is_another_signal(tmp_path: Path) -> None:
         ("time,speed\n1,2\n", "[channels]\nspeed = 'sped'", "no signal 'sped'; did you mean"),
         ("time,speed\n1,2\n", "[channels]\nspeed = true", "the channel speed is true"),
         ("time,speed [m]\n1,2\n", "[channels]\n'speed' = 'speed'", "which is none of speed"),
+        ("time,speed_ms\n1,2\n", "[channels]\nspeed_ms = 'speed'", "has the unit 'ms', which is"),
         ("time,speed\n1,2\n", "[channel]", "there is no entry 'channel'"),
     ],
 )

@@ -180,7 +180,10 @@ def _choice(channel: RecordedChannel, entry: bool | str | SignalLink | None) -> 
             f"{hint(link.signal, MEASURED)} There are {', '.join(MEASURED)}"
         )
     our_unit = known_unit(MEASURED[link.signal].unit)
-    factor = units_in(link, f"the channel {channel.name}", channel.unit, unit, our_unit)
+    try:
+        factor = units_in(link, channel.name, channel.unit, unit, our_unit)
+    except ValueError as error:
+        raise ValueError(f"the channel {error}") from None
     return _Choice(0, channel, link, factor / link.factor)
 
 
