@@ -82,6 +82,14 @@ def test_times_begin_at_0_and_grow(delimiter: str, tmp_path: Path) -> None:
     assert math.isnan(recording.signals["speed"][3])
 
 
+def test_a_missing_heading_leaves_the_later_ones_known(tmp_path: Path) -> None:
+    heading = np.linspace(3.0, 4.0, 50)
+    wrapped = np.where(heading > math.pi, heading - math.tau, heading)
+    wrapped[20] = math.nan
+    recording = read(write_csv(tmp_path / "a.csv", straight(heading=wrapped)))
+    assert recording.signals["heading"] == pytest.approx(heading)
+
+
 def test_a_table_says_which_channel_is_which_signal(tmp_path: Path) -> None:
     wheel = np.full(50, -90.0)
     columns = straight(handwheel=wheel, yaw_rate=wheel, offset=wheel)

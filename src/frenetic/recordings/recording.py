@@ -249,12 +249,13 @@ def _on_one_clock(samples: Mapping[str, Samples]) -> tuple[FloatArray, dict[str,
     values = {}
     for signal, signal_times in times.items():
         column = samples[signal].values
-        if signal == "heading":
-            column = np.unwrap(column)
         is_known = _grow(signal_times) & np.isfinite(column)
         if is_known.any():
+            known = column[is_known]
+            if signal == "heading":
+                known = np.unwrap(known)
             values[signal] = np.interp(
-                time, signal_times[is_known], column[is_known], left=np.nan, right=np.nan
+                time, signal_times[is_known], known, left=np.nan, right=np.nan
             )
     return time - time[0], values
 
