@@ -282,6 +282,23 @@ def test_the_place_on_the_road_follows_from_what_there_is(
     assert time.largest < 0.0
 
 
+@pytest.mark.parametrize(("first", "last"), [(0, 50), (1, 50), (0, 30)])
+def test_an_unknown_speed_does_not_stand_still(first: int, last: int, tmp_path: Path) -> None:
+    columns = straight(offset=np.zeros(50))
+    columns["speed"][:first] = columns["speed"][last:] = math.nan
+    _, signals = along_road(read(write_csv(tmp_path / "a.csv", columns)), [Road(CURVATURES)])
+    assert signals["distance"][:last] == pytest.approx(np.arange(last))
+    assert np.isnan(signals["distance"][last:]).all()
+
+
+def test_places_without_a_speed_at_the_beginning_are_refused(tmp_path: Path) -> None:
+    columns = straight(offset=np.zeros(50))
+    columns["speed"][:10] = math.nan
+    with pytest.raises(FreneticError, match=r"has no speed in its first 0\.2 s") as caught:
+        along_road(read(write_csv(tmp_path / "a.csv", columns)), [Road(CURVATURES)])
+    assert "\n" not in str(caught.value)
+
+
 def test_a_recording_on_the_files_own_map_is_followed_there(
     drives: dict[str, Any], tmp_path: Path
 ) -> None:
