@@ -82,6 +82,19 @@ def test_times_begin_at_0_and_grow(delimiter: str, tmp_path: Path) -> None:
     assert math.isnan(recording.signals["speed"][3])
 
 
+def test_blanks_around_a_name_do_not_count(tmp_path: Path) -> None:
+    columns = {
+        "time [s]": np.arange(9.0),
+        " wheel speed [km/h] ": np.full(9, 36.0),
+        " r": np.ones(9),
+    }
+    file = write_csv(tmp_path / "a.csv", columns)
+    (tmp_path / "t.toml").write_text("[channels]\n'wheel speed' = 'speed'\nr = 'yaw_rate'\n")
+    recording = read(file, signals=str(tmp_path / "t.toml"))
+    assert recording.signals["speed"] == pytest.approx(np.full(9, 10.0))
+    assert recording.channels["speed"] == "wheel speed in km/h"
+
+
 def test_a_missing_heading_leaves_the_later_ones_known(tmp_path: Path) -> None:
     heading = np.linspace(3.0, 4.0, 50)
     wrapped = np.where(heading > math.pi, heading - math.tau, heading)
