@@ -389,6 +389,21 @@ def test_calibrate_reads_recordings(frenetic: Frenetic, drives: dict[str, Any]) 
         assert passed.states[row] == pytest.approx(expected, abs=1e-6)
 
 
+def test_the_road_of_a_recording_may_lie_at_home(
+    frenetic: Frenetic, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    from frenetic.plugins.twin.recordings import read_recordings
+
+    home = tmp_path / "home"
+    home.mkdir()
+    for variable in ("HOME", "USERPROFILE"):
+        monkeypatch.setenv(variable, str(home))
+    (home / "road.json").write_text(json.dumps({"curvatures": [0.0] * 9}))
+    columns = straight(distance=2.0 * np.arange(50.0), offset=np.zeros(50))
+    write_csv(Path("a.csv"), columns)
+    assert len(read_recordings(["a.csv,road=~/road.json"]).drives) == 1
+
+
 def test_a_recording_outside_its_lane_failed(frenetic: Frenetic) -> None:
     from frenetic.plugins.twin.recordings import read_recordings
 
