@@ -361,6 +361,37 @@ def test_a_failed_step_is_the_drivers_fault(
         assert str(caught.value) == f"{faulty}: {message}"
 
 
+@pytest.mark.parametrize(
+    "function",
+    [
+        "fmpy.fmi2.FMU2Slave.instantiate",
+        "fmpy.fmi2.FMU2Slave.setupExperiment",
+        "frenetic.plugins.fmu.instance.Values.set",
+    ],
+)
+def test_an_fmu_that_fails_before_a_drive_is_freed(
+    faulty: Path, setup: DriveSetup, monkeypatch: pytest.MonkeyPatch, function: str
+) -> None:
+    from fmpy.fmi2 import FMU2Slave
+
+    freed = []
+    free_library = FMU2Slave.freeLibrary
+
+    def fail(*_: Any, **options: Any) -> None:
+        raise OSError("there is no licence")
+
+    def note_freed(component: Any) -> None:
+        freed.append(component)
+        free_library(component)
+
+    monkeypatch.setattr(function, fail)
+    monkeypatch.setattr(FMU2Slave, "freeLibrary", note_freed)
+    driver = Fmu(str(faulty), gain=1)
+    with pytest.raises(FmuError, match="there is no licence"):
+        driver.reset(setup)
+    assert len(freed) == 1
+
+
 def test_a_failed_step_of_fmi_3_has_its_message(built: Built, setup: DriveSetup) -> None:
     driver = Fmu(str(built(fmi=3, law=LAWS)), gain=1)
     driver.reset(setup)
