@@ -28,7 +28,7 @@ from frenetic.drivers.loading import load_driver
 from frenetic.errors import ENDS_ITS_PROCESS, HANGS, ControlsError, FreneticError
 from frenetic.plugins.fmu import Fmu, FmuError
 from frenetic.plugins.fmu.example import VARIABLES, ExampleVariable
-from frenetic.plugins.fmu.folders import remove_left_folders
+from frenetic.plugins.fmu.folders import private_folder, remove_left_folders
 from frenetic.testing import DriverContract
 
 if TYPE_CHECKING:
@@ -531,6 +531,22 @@ def test_folders_of_killed_processes_are_removed_later(
     (tmp_path / "frenetic-fmu-link").symlink_to(other)
     remove_left_folders()
     assert (left.exists(), new.exists(), (other / "file").exists()) == (False, True, True)
+
+
+def test_a_failed_unpacking_leaves_no_folder(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+
+    def fill(folder: Path) -> None:
+        (folder / "half").touch()
+        raise OSError("no space is left")
+
+    with pytest.raises(OSError, match="no space is left"):
+        private_folder("digest of a failed unpacking", fill)
+    assert not list(tmp_path.iterdir())
+    folder = private_folder("digest of a failed unpacking", lambda folder: (folder / "all").touch())
+    assert (folder / "all").exists()
 
 
 # Refused files
