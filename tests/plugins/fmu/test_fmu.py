@@ -25,6 +25,7 @@ from frenetic.campaign.tester import RoadTester
 from frenetic.campaign.workers.alone import DriveProcess
 from frenetic.drivers import DriveSetup, Planner, SpeedPlan
 from frenetic.drivers.loading import load_driver
+from frenetic.drivers.noting import NotingDriver
 from frenetic.errors import ENDS_ITS_PROCESS, HANGS, ControlsError, FreneticError
 from frenetic.plugins.fmu import Fmu, FmuError
 from frenetic.plugins.fmu.example import VARIABLES, ExampleVariable
@@ -289,6 +290,31 @@ def test_a_trace_has_the_outputs(frenetic: Frenetic, built: Built) -> None:
     trace = np.genfromtxt("a.csv", delimiter=",", names=True)
     assert np.abs(trace["note_steeringAngle"]).max() > 1.0
     assert trace["note_lka_confidence__1_"][1] == 0.05
+
+
+def test_outputs_of_like_names_have_notes_of_their_own(built: Built) -> None:
+    long = "1" + "x" * 80
+    outputs = {"limit": "lka.confidence", "lag": "lka_confidence", "wheelbase": f"{long}a"}
+    variables = tuple(
+        ExampleVariable(outputs.get(variable.name, f"{long}b"), "output", "")
+        if variable.name in (*outputs, "heading_gain")
+        else variable
+        for variable in VARIABLES
+    )
+    driver = Fmu(str(built(variables=variables)))
+    driver.reset(EmbeddedSimulator().setup(ROAD))
+    driver.act(SEEN)
+    assert driver.trace_notes == {
+        "steeringAngle": pytest.approx(driver.trace_notes["steeringAngle"]),
+        f"_1{'x' * 58}": 2.7,
+        "lka_confidence": 8.0,
+        "lka_confidence_2": 0.05,
+        f"_1{'x' * 56}_2": 0.4,
+    }
+    noting = NotingDriver(driver)
+    noting.reset(EmbeddedSimulator().setup(ROAD))
+    noting.act(SEEN)
+    assert set(noting.last_notes.names) == set(driver.trace_notes)
 
 
 # Steps

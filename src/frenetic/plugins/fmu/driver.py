@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from itertools import chain
 from typing import Any, ClassVar, Final, NamedTuple
@@ -13,6 +13,7 @@ from weakref import finalize
 from frenetic._support.bounds import check
 from frenetic.drivers import Planner, SpeedPlan
 from frenetic.drivers.driver import Controls, DriveSetup, Observation
+from frenetic.drivers.noting import LONGEST_NAME, MOST_NAMES
 from frenetic.errors import ControlsError
 from frenetic.parts.registry import hint
 from frenetic.plugins.fmu.archive import read_archive
@@ -27,10 +28,6 @@ PERIOD: Final = 0.05
 _SHORTEST, _LONGEST, _PERIOD_STEP = 0.01, 0.2, 0.01  # [s], see `docs/drivers.md`
 _ROUNDING: Final = 1e-9
 """Time by which two times may differ that are the same, in s."""
-_MOST_NOTES: Final = 90
-"""Largest number of outputs that a trace holds; our choice."""
-_LONGEST_NOTE: Final = 59
-"""Largest number of letters of a note's name."""
 _OF_SETUP: Final = (
     "period",
     "wheelbase",
@@ -290,10 +287,11 @@ class Fmu:
             variable
             for variable in self._description.with_causality("output").values()
             if variable.size == 1 and variable.python_type is not str
-        ][:_MOST_NOTES]
+        ][:MOST_NAMES]
+        names = _note_names(variable.name for variable in outputs)
         for fmi_type in dict.fromkeys(variable.fmi_type for variable in outputs):
             of_type = [variable for variable in outputs if variable.fmi_type == fmi_type]
-            yield instance.values(of_type), [_note_name(variable.name) for variable in of_type]
+            yield instance.values(of_type), [names[variable.name] for variable in of_type]
 
     @contextmanager
     def _naming_file(self) -> Iterator[None]:
@@ -325,10 +323,21 @@ def _period(stated: float | None, step: float | None) -> float:
     return PERIOD
 
 
-def _note_name(name: str) -> str:
-    """Return the name of a note for a variable: ``lka_delta`` for ``lka.delta``."""
-    text = re.sub(r"[^A-Za-z0-9_]", "_", name)[:_LONGEST_NOTE]
-    return f"_{text}" if text[:1].isdigit() else text
+def _note_names(names: Iterable[str]) -> dict[str, str]:
+    """Return variable -> the name of its note, such as ``lka_delta`` for ``lka.delta``.
+
+    Variables that would have the same are numbered: ``lka_delta_2`` for ``lka_delta`` after it.
+    """
+    notes: dict[str, str] = {}
+    for name in names:
+        text = re.sub(r"^(?=\d)|[^A-Za-z0-9_]", "_", name)
+        note, count = text[:LONGEST_NAME], 1
+        while note in notes.values():
+            count += 1
+            end = f"_{count}"
+            note = text[: LONGEST_NAME - len(end)] + end
+        notes[name] = note
+    return notes
 
 
 def _check_value(variable: Variable, value: object) -> None:
