@@ -12,7 +12,7 @@ import numpy.typing as npt
 from msgspec import Struct
 
 from frenetic._support.arrays import FloatArray
-from frenetic._support.car_signals import CAR_SIGNALS, CarSignal
+from frenetic._support.car_signals import CAR_SIGNALS, PEDALS, CarSignal
 from frenetic._support.option_text import read_part
 from frenetic._support.signal_links import SignalLink, known_unit, units_in
 from frenetic._support.signal_names import compact, spellings
@@ -26,8 +26,7 @@ MEASURED: Final[Mapping[str, CarSignal]] = {
     **CAR_SIGNALS,
     "lateral_acceleration": CarSignal("m/s2", "", ("ay", "latacc", "lateralacc", "accy", "ya")),
     "acceleration": CarSignal("m/s2", "along the car", ("ax", "longacc", "accx", "axlong")),
-    "throttle": CarSignal("1", "0..1", ("accelerator", "accelpedal", "gas", "acceleratorpedal")),
-    "brake": CarSignal("1", "0..1", ("brakepedal", "braking")),
+    **PEDALS,
 }
 """Signals that a recording may hold, by name; left is positive."""
 _TIME: Final = "time"

@@ -8,7 +8,7 @@ from typing import Final, NamedTuple, TypeAlias
 import numpy as np
 
 from frenetic._support.arrays import FloatArray
-from frenetic._support.car_signals import CAR_SIGNALS
+from frenetic._support.car_signals import CAR_SIGNALS, PEDALS
 from frenetic.drivers import SpeedPlan
 from frenetic.drivers.builtin import speed_limits_ahead
 from frenetic.drivers.driver import AHEAD_SPACING, DriveSetup, Observation
@@ -131,10 +131,10 @@ CONTROLS: Final[Mapping[str, OutputControl]] = {
     "curvature": OutputControl(
         "1/m", "to drive", ("kappa", "curvaturecmd", "kappacmd", "desiredcurvature", "kapparef")
     ),
-    "throttle": OutputControl(
-        "1", "0..1", ("accelerator", "accelpedal", "gas", "acceleratorpedal", "throttlecmd")
-    ),
-    "brake": OutputControl("1", "0..1", ("brakepedal", "brakecmd", "braking")),
+    **{
+        name: OutputControl(pedal.unit, pedal.about, (*pedal.names, f"{name}cmd"))
+        for name, pedal in PEDALS.items()
+    },
     "pedal": OutputControl("1", "-1..1: throttle above 0, brake below", ("throttlebrake",)),
     "acceleration": OutputControl(
         "m/s2",
