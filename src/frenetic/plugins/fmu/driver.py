@@ -20,7 +20,7 @@ from frenetic.plugins.fmu.archive import read_archive
 from frenetic.plugins.fmu.description import Description, Variable
 from frenetic.plugins.fmu.instance import FmuError, Instance, Values
 from frenetic.plugins.fmu.links import InputLink, Links, OutputLink
-from frenetic.plugins.fmu.signals import LONGITUDINAL, Moment
+from frenetic.plugins.fmu.signals import LONGITUDINAL, SETUP_SIGNALS, Moment
 from frenetic.plugins.fmu.table import SignalTable
 
 PERIOD: Final = 0.05
@@ -28,15 +28,6 @@ PERIOD: Final = 0.05
 _SHORTEST, _LONGEST, _PERIOD_STEP = 0.01, 0.2, 0.01  # [s], see `docs/drivers.md`
 _ROUNDING: Final = 1e-9
 """Time by which two times may differ that are the same, in s."""
-_OF_SETUP: Final = (
-    "period",
-    "wheelbase",
-    "front_axle",
-    "rear_axle",
-    "lane_width",
-    "max_steering",
-)
-"""Signals that a parameter may get: they are known before a drive."""
 
 
 class _Input(NamedTuple):
@@ -354,7 +345,8 @@ def _check_value(variable: Variable, value: object) -> None:
         fits = isinstance(value, int | float) and float(value).is_integer()
         needed = "a whole number"
     elif kind is float:
-        fits, needed = is_number or value in _OF_SETUP, f"a number, or {', '.join(_OF_SETUP)},"
+        fits = is_number or (isinstance(value, str) and value in SETUP_SIGNALS)
+        needed = f"a number, or {', '.join(SETUP_SIGNALS)},"
     else:
         fits, needed = isinstance(value, str | int | float), "a text"
     if not fits:

@@ -67,6 +67,19 @@ def _limits(moment: Moment) -> FloatArray:
     return speed_limits_ahead(moment.observation, setup_array(moment.setup))
 
 
+SETUP_SIGNALS: Final[Mapping[str, InputSignal]] = {
+    "period": InputSignal(
+        "s", "between two steps", _of_setup("period"), ("dt", "ts", "sampletime")
+    ),
+    "wheelbase": InputSignal("m", "of the car", _of_setup("wheelbase")),
+    "front_axle": InputSignal("m", "centre of mass to axle", _of_setup("front_axle"), ("lf",)),
+    "rear_axle": InputSignal("m", "centre of mass to axle", _of_setup("rear_axle"), ("lr",)),
+    "lane_width": InputSignal("m", "", _of_setup("lane_width")),
+    "max_steering": InputSignal(
+        "rad", "largest angle of the front wheels", _of_setup("max_steering")
+    ),
+}
+"""Signals that are known before a drive, which a parameter may get, too."""
 SIGNALS: Final[Mapping[str, InputSignal]] = {
     **{
         name: InputSignal(signal.unit, signal.about, _observed(name), signal.names)
@@ -81,16 +94,7 @@ SIGNALS: Final[Mapping[str, InputSignal]] = {
             *("desiredspeed", "vtarget", "targetvelocity", "speedref", "setvelocity"),
         ),
     ),
-    "period": InputSignal(
-        "s", "between two steps", _of_setup("period"), ("dt", "ts", "sampletime")
-    ),
-    "wheelbase": InputSignal("m", "of the car", _of_setup("wheelbase")),
-    "front_axle": InputSignal("m", "centre of mass to axle", _of_setup("front_axle"), ("lf",)),
-    "rear_axle": InputSignal("m", "centre of mass to axle", _of_setup("rear_axle"), ("lr",)),
-    "lane_width": InputSignal("m", "", _of_setup("lane_width")),
-    "max_steering": InputSignal(
-        "rad", "largest angle of the front wheels", _of_setup("max_steering")
-    ),
+    **SETUP_SIGNALS,
 }
 """Signals by name, in our units; left is positive."""
 PREVIEWS: Final[Mapping[str, PreviewSignal]] = {
