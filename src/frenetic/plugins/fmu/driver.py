@@ -14,6 +14,7 @@ from frenetic._support.bounds import check
 from frenetic.drivers import Planner, SpeedPlan
 from frenetic.drivers.driver import Controls, DriveSetup, Observation
 from frenetic.drivers.noting import LONGEST_NAME, MOST_NAMES
+from frenetic.drivers.stack import PERIODS
 from frenetic.errors import ControlsError
 from frenetic.parts.registry import hint
 from frenetic.plugins.fmu.archive import read_archive
@@ -25,7 +26,8 @@ from frenetic.plugins.fmu.table import SignalTable
 
 PERIOD: Final = 0.05
 """Period of an FMU whose preferred step size is no period of a driver, in s."""
-_SHORTEST, _LONGEST, _PERIOD_STEP = 0.01, 0.2, 0.01  # [s], see `docs/drivers.md`
+_PERIOD_STEP: Final = 0.01
+"""Step of the embedded simulator, of which the period of an FMU is a multiple, in s."""
 _ROUNDING: Final = 1e-9
 """Time by which two times may differ that are the same, in s."""
 
@@ -303,14 +305,18 @@ def _period(stated: float | None, step: float | None) -> float:
     Raises:
         ValueError: the stated period is no period of a driver.
     """
+    shortest, longest = PERIODS
     for period in (stated, step):
         if period is not None:
             multiple = period / _PERIOD_STEP
             is_multiple = abs(multiple - round(multiple)) < _ROUNDING / _PERIOD_STEP
-            if is_multiple and _SHORTEST - _ROUNDING <= period <= _LONGEST + _ROUNDING:
+            if is_multiple and shortest - _ROUNDING <= period <= longest + _ROUNDING:
                 return round(multiple) / round(1.0 / _PERIOD_STEP)
         if period is stated is not None:
-            raise ValueError(f"the table's period is {period:g} s: 0.01 to 0.2 in steps of 0.01")
+            raise ValueError(
+                f"the table's period is {period:g} s: {shortest:g} to {longest:g} in steps of"
+                f" {_PERIOD_STEP:g}"
+            )
     return PERIOD
 
 
