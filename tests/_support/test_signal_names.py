@@ -6,8 +6,9 @@ import math
 
 import pytest
 
+from frenetic._support.signal_links import SignalLink, known_unit, units_in
 from frenetic._support.signal_names import recognised, unit_in_name
-from frenetic._support.units import unit_named
+from frenetic._support.units import unit_named, unit_spellings
 
 NAMES = {"speed": ("v", "vx"), "lateral_offset": ("ey", "lateraldeviation")}
 
@@ -66,8 +67,35 @@ def test_other_units_are_not_known() -> None:
     assert unit_named("kg") is None
 
 
-def test_a_name_may_end_with_its_unit() -> None:
-    assert unit_in_name("speed_kmh") == unit_named("km/h")
-    assert unit_in_name("delta_deg") == unit_named("deg")
-    assert unit_in_name("speed") is None
-    assert unit_in_name("deg") is None
+@pytest.mark.parametrize(
+    ("name", "unit"),
+    [
+        ("speed_kmh", "km/h"),
+        ("speed_km_h", "km/h"),
+        ("delta_deg", "deg"),
+        ("kappa_per_m", "1/m"),
+        ("kappa_per_km", "1/km"),
+        ("ax_m_per_s_per_s", "m/s2"),
+        ("speed", None),
+        ("deg", None),
+        ("e_1", None),
+    ],
+)
+def test_a_name_may_end_with_its_unit(name: str, unit: str | None) -> None:
+    text = unit_in_name(name)
+    if unit is None:
+        assert text is None
+    else:
+        assert text is not None
+        assert unit_named(text) == unit_named(unit)
+
+
+@pytest.mark.parametrize("spelling", [name for name in unit_spellings() if name.isalpha()])
+def test_a_name_may_end_with_any_unit_of_letters(spelling: str) -> None:
+    assert unit_in_name(f"speed_{spelling}") == spelling
+    assert recognised(f"speed_{spelling}", NAMES) == "speed"
+
+
+def test_a_wrong_unit_in_a_name_is_named() -> None:
+    with pytest.raises(ValueError, match="speed_ms has the unit 'ms', which is none of speed"):
+        units_in(SignalLink(signal="speed"), "speed_ms", None, None, known_unit("m/s"))

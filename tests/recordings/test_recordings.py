@@ -82,6 +82,27 @@ def test_times_begin_at_0_and_grow(delimiter: str, tmp_path: Path) -> None:
     assert math.isnan(recording.signals["speed"][3])
 
 
+def test_blanks_around_a_name_do_not_count(tmp_path: Path) -> None:
+    columns = {
+        "time [s]": np.arange(9.0),
+        " wheel speed [km/h] ": np.full(9, 36.0),
+        " r": np.ones(9),
+    }
+    file = write_csv(tmp_path / "a.csv", columns)
+    (tmp_path / "t.toml").write_text("[channels]\n'wheel speed' = 'speed'\nr = 'yaw_rate'\n")
+    recording = read(file, signals=str(tmp_path / "t.toml"))
+    assert recording.signals["speed"] == pytest.approx(np.full(9, 10.0))
+    assert recording.channels["speed"] == "wheel speed in km/h"
+
+
+def test_a_missing_heading_leaves_the_later_ones_known(tmp_path: Path) -> None:
+    heading = np.linspace(3.0, 4.0, 50)
+    wrapped = np.where(heading > math.pi, heading - math.tau, heading)
+    wrapped[20] = math.nan
+    recording = read(write_csv(tmp_path / "a.csv", straight(heading=wrapped)))
+    assert recording.signals["heading"] == pytest.approx(heading)
+
+
 def test_a_table_says_which_channel_is_which_signal(tmp_path: Path) -> None:
     wheel = np.full(50, -90.0)
     columns = straight(handwheel=wheel, yaw_rate=wheel, offset=wheel)
@@ -96,6 +117,17 @@ def test_a_table_says_which_channel_is_which_signal(tmp_path: Path) -> None:
     assert signals["steering"] == pytest.approx(math.radians(6.0))
     assert signals["yaw_rate"] == pytest.approx(math.radians(-90.0))
     assert "lateral_offset" not in signals
+
+
+def test_a_channel_that_a_table_names_has_the_unit_at_the_end_of_its_name(tmp_path: Path) -> None:
+    columns = {"clock_ms": 100.0 * np.arange(50), "pace_mph": np.full(50, 10.0), "s": np.arange(50)}
+    (tmp_path / "t.toml").write_text(
+        "[channels]\nclock_ms = 'time'\npace_mph = 'speed'\ns = 'distance'\n"
+    )
+    recording = read(write_csv(tmp_path / "a.csv", columns), signals=str(tmp_path / "t.toml"))
+    assert recording.time == pytest.approx(0.1 * np.arange(50))
+    assert recording.signals["speed"] == pytest.approx(np.full(50, 4.4704))
+    assert recording.signals["distance"] == pytest.approx(np.arange(50.0))
 
 
 def test_the_most_usual_name_counts_and_equal_names_are_refused(tmp_path: Path) -> None:
@@ -125,6 +157,7 @@ def test_a_channel_of_another_unit_is_another_signal(tmp_path: Path) -> None:
         ("time,speed\n1,2\n", "[channels]\nspeed = 'sped'", "no signal 'sped'; did you mean"),
         ("time,speed\n1,2\n", "[channels]\nspeed = true", "the channel speed is true"),
         ("time,speed [m]\n1,2\n", "[channels]\n'speed' = 'speed'", "which is none of speed"),
+        ("time,speed_ms\n1,2\n", "[channels]\nspeed_ms = 'speed'", "has the unit 'ms', which is"),
         ("time,speed\n1,2\n", "[channel]", "there is no entry 'channel'"),
     ],
 )
@@ -262,6 +295,23 @@ def test_the_place_on_the_road_follows_from_what_there_is(
     assert time.largest < 0.0
 
 
+@pytest.mark.parametrize(("first", "last"), [(0, 50), (1, 50), (0, 30)])
+def test_an_unknown_speed_does_not_stand_still(first: int, last: int, tmp_path: Path) -> None:
+    columns = straight(offset=np.zeros(50))
+    columns["speed"][:first] = columns["speed"][last:] = math.nan
+    _, signals = along_road(read(write_csv(tmp_path / "a.csv", columns)), [Road(CURVATURES)])
+    assert signals["distance"][:last] == pytest.approx(np.arange(last))
+    assert np.isnan(signals["distance"][last:]).all()
+
+
+def test_places_without_a_speed_at_the_beginning_are_refused(tmp_path: Path) -> None:
+    columns = straight(offset=np.zeros(50))
+    columns["speed"][:10] = math.nan
+    with pytest.raises(FreneticError, match=r"has no speed in its first 0\.2 s") as caught:
+        along_road(read(write_csv(tmp_path / "a.csv", columns)), [Road(CURVATURES)])
+    assert "\n" not in str(caught.value)
+
+
 def test_a_recording_on_the_files_own_map_is_followed_there(
     drives: dict[str, Any], tmp_path: Path
 ) -> None:
@@ -337,6 +387,21 @@ def test_calibrate_reads_recordings(frenetic: Frenetic, drives: dict[str, Any]) 
     for row, name in enumerate(("lateral_offset", "speed")):
         expected = np.interp(positions, fast.column("distance"), fast.column(name))
         assert passed.states[row] == pytest.approx(expected, abs=1e-6)
+
+
+def test_the_road_of_a_recording_may_lie_at_home(
+    frenetic: Frenetic, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    from frenetic.plugins.twin.recordings import read_recordings
+
+    home = tmp_path / "home"
+    home.mkdir()
+    for variable in ("HOME", "USERPROFILE"):
+        monkeypatch.setenv(variable, str(home))
+    (home / "road.json").write_text(json.dumps({"curvatures": [0.0] * 9}))
+    columns = straight(distance=2.0 * np.arange(50.0), offset=np.zeros(50))
+    write_csv(Path("a.csv"), columns)
+    assert len(read_recordings(["a.csv,road=~/road.json"]).drives) == 1
 
 
 def test_a_recording_outside_its_lane_failed(frenetic: Frenetic) -> None:

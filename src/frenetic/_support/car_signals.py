@@ -67,3 +67,12 @@ CAR_SIGNALS: Final[Mapping[str, CarSignal]] = MappingProxyType(
     }
 )
 """Signals that a driver observes and a recording may hold, by name."""
+PEDALS: Final[Mapping[str, CarSignal]] = MappingProxyType(
+    {
+        "throttle": CarSignal(
+            "1", "0..1", ("accelerator", "accelpedal", "gas", "acceleratorpedal")
+        ),
+        "brake": CarSignal("1", "0..1", ("brakepedal", "braking")),
+    }
+)
+"""Positions of the pedals, which a driver sets and a recording may hold, by name."""

@@ -51,7 +51,8 @@ def units_in(
     if link.unit is not None:
         unit_name, unit = link.unit, unit_named(link.unit)
     elif unit_name is None:
-        unit = unit_in_name(name) or our_unit
+        unit_name = unit_in_name(name)
+        unit = our_unit if unit_name is None else unit_named(unit_name)
     if unit is None:
         raise ValueError(
             f"{name} has the unit {unit_name!r}, which is not known: set unit in a table,"
@@ -60,6 +61,6 @@ def units_in(
     if not unit.is_like(our_unit):
         raise ValueError(
             f"{name} has the unit {unit_name!r}, which is none of {link.signal}: name another"
-            " signal in a table, signals=table.toml"
+            " signal, or set unit, in a table, signals=table.toml"
         )
     return unit.factor / our_unit.factor

@@ -6,7 +6,7 @@ import re
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Final
 
-from frenetic._support.units import Unit, unit_named
+from frenetic._support.units import unit_spellings
 
 _WORD: Final = re.compile(r"[A-Z]?[a-z]+|[A-Z]+(?![a-z])|\d+")
 """A word of a name such as ``lateralDeviation`` or ``e_psi``."""
@@ -14,15 +14,14 @@ _IDLE_WORDS: Final = frozenset(
     ["in", "out", "input", "output", "signal", "sig", "value", "ego", "vehicle", "car"]
 )
 """Words that do not say which signal it is."""
-_UNIT_WORDS: Final = frozenset(
-    [
-        *("kmh", "kph", "mps", "deg", "rad", "degps", "radps", "dps", "mps2", "percent"),
-        *("s", "m", "m/s", "km/h", "rad/s", "deg/s", "m/s2", "/m"),
-    ]
-)
-"""Units with which a name may end; "per" stands for a slash, as in ``speed_m_per_s``."""
-_MOST_UNIT_WORDS: Final = 4
-"""Largest number of words of a unit: ``m_per_s_2`` has four."""
+_UNIT_WORDS: Final = {
+    spelling.removeprefix("1"): spelling
+    for spelling in unit_spellings()
+    if re.fullmatch(r"(1/)?[a-z][a-z0-9/]*", spelling)
+}
+"""Text with which a name may end -> the unit; "per" stands for a slash: ``kappa_per_m``."""
+_MOST_UNIT_WORDS: Final = 5
+"""Largest number of words of a unit: ``m_per_s_per_s`` has five."""
 
 
 def bare_name(name: str) -> str:
@@ -47,19 +46,19 @@ def spellings(name: str) -> list[str]:
     return list(dict.fromkeys([compact(name), "".join(words), "".join(telling)]))
 
 
-def unit_in_name(name: str) -> Unit | None:
-    """Return the unit that a name ends with, as ``speed_kmh`` does; None without one."""
-    _, text = _unit_at_end(_words(name))
-    return unit_named(f"1{text}" if text[:1] == "/" else text) if text else None
+def unit_in_name(name: str) -> str | None:
+    """Return the unit that a name ends with: ``kmh`` of ``speed_kmh``; None without one."""
+    _, unit = _unit_at_end(_words(name))
+    return unit
 
 
-def _unit_at_end(words: Sequence[str]) -> tuple[int, str]:
+def _unit_at_end(words: Sequence[str]) -> tuple[int, str | None]:
     """Return the number of words with which a name says a unit, and the unit; 0 without one."""
     for count in range(min(_MOST_UNIT_WORDS, len(words) - 1), 0, -1):
         text = "".join("/" if word == "per" else word for word in words[-count:])
         if text in _UNIT_WORDS:
-            return count, text
-    return 0, ""
+            return count, _UNIT_WORDS[text]
+    return 0, None
 
 
 def recognised(name: str, names: Mapping[str, Iterable[str]]) -> str | None:

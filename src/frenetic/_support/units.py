@@ -84,6 +84,11 @@ def unit_named(name: str) -> Unit | None:
     return None
 
 
+def unit_spellings() -> frozenset[str]:
+    """Return all names of the known units."""
+    return frozenset([*_UNITS, *_OTHER_NAMES])
+
+
 def known_units() -> str:
     """Return the names of the known units, with commas between."""
     return ", ".join(_UNITS)

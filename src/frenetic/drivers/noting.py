@@ -13,8 +13,12 @@ from frenetic.drivers.stack import OwnWrapper, stack_of
 from frenetic.errors import DriverError
 from frenetic.oracle.notes import TOLD, DriverNotes
 
-_NAME: Final = re.compile(r"[A-Za-z_][A-Za-z0-9_]{0,59}")  # of a note (our choice)
-_MOST_NAMES: Final = 100  # largest number of different notes in a drive (our choice)
+LONGEST_NAME: Final = 60
+"""Largest number of letters of a note's name; our choice."""
+MOST_NAMES: Final = 100
+"""Largest number of different notes in a drive; our choice."""
+_NAME: Final = re.compile(rf"[A-Za-z_][A-Za-z0-9_]{{0,{LONGEST_NAME - 1}}}")
+"""Name of a note."""
 _MOST_POINTS: Final = 1000  # largest number of points of a plan (our choice)
 
 
@@ -62,9 +66,9 @@ class NotingDriver(OwnWrapper):
         if not self._told:
             return DriverNotes()
         names = tuple(dict.fromkeys(name for numbers in self._noted for name in numbers))
-        if len(names) > _MOST_NAMES:
+        if len(names) > MOST_NAMES:
             raise DriverError(
-                f"the driver notes numbers of {len(names)} names: at most {_MOST_NAMES} are allowed"
+                f"the driver notes numbers of {len(names)} names: at most {MOST_NAMES} are allowed"
             )
         rows = [[numbers.get(name, np.nan) for name in names] for numbers in self._noted]
         return DriverNotes(

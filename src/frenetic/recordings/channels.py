@@ -27,7 +27,7 @@ SUFFIXES: Final = (CSV, *MDF)
 """Suffixes of all recordings."""
 _MOST_BYTES: Final = 2**28
 """Largest size of a CSV file, in bytes; our choice."""
-_UNIT: Final = re.compile(r"(.*\S)\s*[\[(]([^\])]*)[\])]\s*")
+_UNIT: Final = re.compile(r"(.*\S)\s*[\[(]([^\])]*)[\])]")
 """Heading of a column with its unit in brackets, such as ``speed [km/h]``."""
 
 
@@ -111,8 +111,9 @@ def _csv_channels(path: Path) -> list[RecordedChannel]:
 
     channels = []
     for column, heading in enumerate(names):
+        heading = heading.strip()
         match = _UNIT.fullmatch(heading)
-        name, unit = (match[1], match[2]) if match is not None else (heading.strip(), None)
+        name, unit = (match[1], match[2]) if match is not None else (heading, None)
         channels.append(RecordedChannel(name, unit, len(rows), reader(column)))
     return channels
 

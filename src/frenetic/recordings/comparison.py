@@ -19,6 +19,8 @@ SPACING: Final = 1.0
 """Distance along the road between two places of a comparison, in m; our choice."""
 _FARTHEST: Final = 20.0
 """Largest median distance between a recording and its road, in m; our choice."""
+_LATEST_SPEED: Final = 0.2
+"""Latest time of the first known speed, in s, where places follow from speeds; our choice."""
 _MIN_PLACES: Final = 2
 """Fewest places of a comparison."""
 
@@ -177,7 +179,8 @@ def along_road(
         Names of the signals from which the distance follows, and name of a signal -> values.
 
     Raises:
-        FreneticError: the recording does not say where the car was, or lies elsewhere.
+        FreneticError: the recording does not say where the car was or how fast at the beginning, or
+            lies elsewhere.
     """
     signals = {**recording.signals, "time": recording.time}
     if "distance" in signals and "lateral_offset" in signals:
@@ -192,10 +195,28 @@ def along_road(
                 f"{recording.name} does not say where the car was: it needs x and y, the distance"
                 " along the road, or the speed"
             )
-        speed = np.nan_to_num(signals["speed"])
-        steps = 0.5 * (speed[1:] + speed[:-1]) * np.diff(recording.time)
-        signals["distance"] = np.concatenate([[0.0], np.cumsum(steps)])
+        signals["distance"] = _driven(recording)
     return (source,), signals
+
+
+def _driven(recording: Recording) -> FloatArray:
+    """Return the distance that a recorded car has driven, (n,) in m, by its speed.
+
+    The first known speed holds before it. After the last known speed the distance is unknown.
+
+    Raises:
+        FreneticError: the speed is not known at the beginning.
+    """
+    speed = recording.signals["speed"].copy()
+    known = np.flatnonzero(np.isfinite(speed))
+    if not len(known) or recording.time[known[0]] > _LATEST_SPEED:
+        raise FreneticError(
+            f"{recording.name} has no speed in its first {_LATEST_SPEED:g} s, and neither x and y"
+            " nor the distance along the road: where the car was does not follow"
+        )
+    speed[: known[0]] = speed[known[0]]
+    steps = 0.5 * (speed[1:] + speed[:-1]) * np.diff(recording.time)
+    return np.concatenate([[0.0], np.cumsum(steps)])
 
 
 def _tracked(recording: Recording, roads: Sequence[Road]) -> dict[str, FloatArray]:

@@ -12,7 +12,7 @@ import numpy.typing as npt
 from msgspec import Struct
 
 from frenetic._support.arrays import FloatArray
-from frenetic._support.car_signals import CAR_SIGNALS, CarSignal
+from frenetic._support.car_signals import CAR_SIGNALS, PEDALS, CarSignal
 from frenetic._support.option_text import read_part
 from frenetic._support.signal_links import SignalLink, known_unit, units_in
 from frenetic._support.signal_names import compact, spellings
@@ -26,8 +26,7 @@ MEASURED: Final[Mapping[str, CarSignal]] = {
     **CAR_SIGNALS,
     "lateral_acceleration": CarSignal("m/s2", "", ("ay", "latacc", "lateralacc", "accy", "ya")),
     "acceleration": CarSignal("m/s2", "along the car", ("ax", "longacc", "accx", "axlong")),
-    "throttle": CarSignal("1", "0..1", ("accelerator", "accelpedal", "gas", "acceleratorpedal")),
-    "brake": CarSignal("1", "0..1", ("brakepedal", "braking")),
+    **PEDALS,
 }
 """Signals that a recording may hold, by name; left is positive."""
 _TIME: Final = "time"
@@ -41,7 +40,7 @@ class ChannelTable(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True
     """Which channels of a recording are which signals."""
 
     channels: Mapping[str, bool | str | SignalLink] = {}
-    """RecordedChannel -> its signal; false for a channel that is no signal."""
+    """Channel -> its signal; false for a channel that is no signal."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -180,7 +179,10 @@ def _choice(channel: RecordedChannel, entry: bool | str | SignalLink | None) -> 
             f"{hint(link.signal, MEASURED)} There are {', '.join(MEASURED)}"
         )
     our_unit = known_unit(MEASURED[link.signal].unit)
-    factor = units_in(link, f"the channel {channel.name}", channel.unit, unit, our_unit)
+    try:
+        factor = units_in(link, channel.name, channel.unit, unit, our_unit)
+    except ValueError as error:
+        raise ValueError(f"the channel {error}") from None
     return _Choice(0, channel, link, factor / link.factor)
 
 
@@ -246,12 +248,13 @@ def _on_one_clock(samples: Mapping[str, Samples]) -> tuple[FloatArray, dict[str,
     values = {}
     for signal, signal_times in times.items():
         column = samples[signal].values
-        if signal == "heading":
-            column = np.unwrap(column)
         is_known = _grow(signal_times) & np.isfinite(column)
         if is_known.any():
+            known = column[is_known]
+            if signal == "heading":
+                known = np.unwrap(known)
             values[signal] = np.interp(
-                time, signal_times[is_known], column[is_known], left=np.nan, right=np.nan
+                time, signal_times[is_known], known, left=np.nan, right=np.nan
             )
     return time - time[0], values
 

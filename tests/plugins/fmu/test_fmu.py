@@ -25,10 +25,11 @@ from frenetic.campaign.tester import RoadTester
 from frenetic.campaign.workers.alone import DriveProcess
 from frenetic.drivers import DriveSetup, Planner, SpeedPlan
 from frenetic.drivers.loading import load_driver
+from frenetic.drivers.noting import NotingDriver
 from frenetic.errors import ENDS_ITS_PROCESS, HANGS, ControlsError, FreneticError
 from frenetic.plugins.fmu import Fmu, FmuError
 from frenetic.plugins.fmu.example import VARIABLES, ExampleVariable
-from frenetic.plugins.fmu.folders import remove_left_folders
+from frenetic.plugins.fmu.folders import private_folder, remove_left_folders
 from frenetic.testing import DriverContract
 
 if TYPE_CHECKING:
@@ -291,6 +292,31 @@ def test_a_trace_has_the_outputs(frenetic: Frenetic, built: Built) -> None:
     assert trace["note_lka_confidence__1_"][1] == 0.05
 
 
+def test_outputs_of_like_names_have_notes_of_their_own(built: Built) -> None:
+    long = "1" + "x" * 80
+    outputs = {"limit": "lka.confidence", "lag": "lka_confidence", "wheelbase": f"{long}a"}
+    variables = tuple(
+        ExampleVariable(outputs.get(variable.name, f"{long}b"), "output", "")
+        if variable.name in (*outputs, "heading_gain")
+        else variable
+        for variable in VARIABLES
+    )
+    driver = Fmu(str(built(variables=variables)))
+    driver.reset(EmbeddedSimulator().setup(ROAD))
+    driver.act(SEEN)
+    assert driver.trace_notes == {
+        "steeringAngle": pytest.approx(driver.trace_notes["steeringAngle"]),
+        f"_1{'x' * 58}": 2.7,
+        "lka_confidence": 8.0,
+        "lka_confidence_2": 0.05,
+        f"_1{'x' * 56}_2": 0.4,
+    }
+    noting = NotingDriver(driver)
+    noting.reset(EmbeddedSimulator().setup(ROAD))
+    noting.act(SEEN)
+    assert set(noting.last_notes.names) == set(driver.trace_notes)
+
+
 # Steps
 
 
@@ -359,6 +385,37 @@ def test_a_failed_step_is_the_drivers_fault(
         with pytest.raises(FmuError) as caught:
             driver.act(SEEN)
         assert str(caught.value) == f"{faulty}: {message}"
+
+
+@pytest.mark.parametrize(
+    "function",
+    [
+        "fmpy.fmi2.FMU2Slave.instantiate",
+        "fmpy.fmi2.FMU2Slave.setupExperiment",
+        "frenetic.plugins.fmu.instance.Values.set",
+    ],
+)
+def test_an_fmu_that_fails_before_a_drive_is_freed(
+    faulty: Path, setup: DriveSetup, monkeypatch: pytest.MonkeyPatch, function: str
+) -> None:
+    from fmpy.fmi2 import FMU2Slave
+
+    freed = []
+    free_library = FMU2Slave.freeLibrary
+
+    def fail(*_: Any, **options: Any) -> None:
+        raise OSError("there is no licence")
+
+    def note_freed(component: Any) -> None:
+        freed.append(component)
+        free_library(component)
+
+    monkeypatch.setattr(function, fail)
+    monkeypatch.setattr(FMU2Slave, "freeLibrary", note_freed)
+    driver = Fmu(str(faulty), gain=1)
+    with pytest.raises(FmuError, match="there is no licence"):
+        driver.reset(setup)
+    assert len(freed) == 1
 
 
 def test_a_failed_step_of_fmi_3_has_its_message(built: Built, setup: DriveSetup) -> None:
@@ -500,6 +557,22 @@ def test_folders_of_killed_processes_are_removed_later(
     (tmp_path / "frenetic-fmu-link").symlink_to(other)
     remove_left_folders()
     assert (left.exists(), new.exists(), (other / "file").exists()) == (False, True, True)
+
+
+def test_a_failed_unpacking_leaves_no_folder(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+
+    def fill(folder: Path) -> None:
+        (folder / "half").touch()
+        raise OSError("no space is left")
+
+    with pytest.raises(OSError, match="no space is left"):
+        private_folder("digest of a failed unpacking", fill)
+    assert not list(tmp_path.iterdir())
+    folder = private_folder("digest of a failed unpacking", lambda folder: (folder / "all").touch())
+    assert (folder / "all").exists()
 
 
 # Refused files

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from itertools import chain
 from typing import Any, ClassVar, Final, NamedTuple
@@ -13,33 +13,23 @@ from weakref import finalize
 from frenetic._support.bounds import check
 from frenetic.drivers import Planner, SpeedPlan
 from frenetic.drivers.driver import Controls, DriveSetup, Observation
+from frenetic.drivers.noting import LONGEST_NAME, MOST_NAMES
+from frenetic.drivers.stack import PERIODS
 from frenetic.errors import ControlsError
 from frenetic.parts.registry import hint
 from frenetic.plugins.fmu.archive import read_archive
 from frenetic.plugins.fmu.description import Description, Variable
 from frenetic.plugins.fmu.instance import FmuError, Instance, Values
 from frenetic.plugins.fmu.links import InputLink, Links, OutputLink
-from frenetic.plugins.fmu.signals import LONGITUDINAL, Moment
+from frenetic.plugins.fmu.signals import LONGITUDINAL, SETUP_SIGNALS, Moment
 from frenetic.plugins.fmu.table import SignalTable
 
 PERIOD: Final = 0.05
 """Period of an FMU whose preferred step size is no period of a driver, in s."""
-_SHORTEST, _LONGEST, _PERIOD_STEP = 0.01, 0.2, 0.01  # [s], see `docs/drivers.md`
+_PERIOD_STEP: Final = 0.01
+"""Step of the embedded simulator, of which the period of an FMU is a multiple, in s."""
 _ROUNDING: Final = 1e-9
 """Time by which two times may differ that are the same, in s."""
-_MOST_NOTES: Final = 90
-"""Largest number of outputs that a trace holds; our choice."""
-_LONGEST_NOTE: Final = 59
-"""Largest number of letters of a note's name."""
-_OF_SETUP: Final = (
-    "period",
-    "wheelbase",
-    "front_axle",
-    "rear_axle",
-    "lane_width",
-    "max_steering",
-)
-"""Signals that a parameter may get: they are known before a drive."""
 
 
 class _Input(NamedTuple):
@@ -90,7 +80,7 @@ class Fmu:
             table does not suit it.
     """
 
-    BEHAVIOUR: ClassVar[int] = 1
+    BEHAVIOUR: ClassVar[int] = 2
     """Version of the behaviour, which campaigns record, see `frenetic.parts.versions`."""
     BEHAVIOUR_PACKAGES: ClassVar[tuple[str, ...]] = ("fmpy",)
     """Packages whose versions campaigns record, too."""
@@ -290,10 +280,11 @@ class Fmu:
             variable
             for variable in self._description.with_causality("output").values()
             if variable.size == 1 and variable.python_type is not str
-        ][:_MOST_NOTES]
+        ][:MOST_NAMES]
+        names = _note_names(variable.name for variable in outputs)
         for fmi_type in dict.fromkeys(variable.fmi_type for variable in outputs):
             of_type = [variable for variable in outputs if variable.fmi_type == fmi_type]
-            yield instance.values(of_type), [_note_name(variable.name) for variable in of_type]
+            yield instance.values(of_type), [names[variable.name] for variable in of_type]
 
     @contextmanager
     def _naming_file(self) -> Iterator[None]:
@@ -314,21 +305,36 @@ def _period(stated: float | None, step: float | None) -> float:
     Raises:
         ValueError: the stated period is no period of a driver.
     """
+    shortest, longest = PERIODS
     for period in (stated, step):
         if period is not None:
             multiple = period / _PERIOD_STEP
             is_multiple = abs(multiple - round(multiple)) < _ROUNDING / _PERIOD_STEP
-            if is_multiple and _SHORTEST - _ROUNDING <= period <= _LONGEST + _ROUNDING:
+            if is_multiple and shortest - _ROUNDING <= period <= longest + _ROUNDING:
                 return round(multiple) / round(1.0 / _PERIOD_STEP)
         if period is stated is not None:
-            raise ValueError(f"the table's period is {period:g} s: 0.01 to 0.2 in steps of 0.01")
+            raise ValueError(
+                f"the table's period is {period:g} s: {shortest:g} to {longest:g} in steps of"
+                f" {_PERIOD_STEP:g}"
+            )
     return PERIOD
 
 
-def _note_name(name: str) -> str:
-    """Return the name of a note for a variable: ``lka_delta`` for ``lka.delta``."""
-    text = re.sub(r"[^A-Za-z0-9_]", "_", name)[:_LONGEST_NOTE]
-    return f"_{text}" if text[:1].isdigit() else text
+def _note_names(names: Iterable[str]) -> dict[str, str]:
+    """Return variable -> the name of its note, such as ``lka_delta`` for ``lka.delta``.
+
+    Variables that would have the same are numbered: ``lka_delta_2`` for ``lka_delta`` after it.
+    """
+    notes: dict[str, str] = {}
+    for name in names:
+        text = re.sub(r"^(?=\d)|[^A-Za-z0-9_]", "_", name)
+        note, count = text[:LONGEST_NAME], 1
+        while note in notes.values():
+            count += 1
+            end = f"_{count}"
+            note = text[: LONGEST_NAME - len(end)] + end
+        notes[name] = note
+    return notes
 
 
 def _check_value(variable: Variable, value: object) -> None:
@@ -345,7 +351,8 @@ def _check_value(variable: Variable, value: object) -> None:
         fits = isinstance(value, int | float) and float(value).is_integer()
         needed = "a whole number"
     elif kind is float:
-        fits, needed = is_number or value in _OF_SETUP, f"a number, or {', '.join(_OF_SETUP)},"
+        fits = is_number or (isinstance(value, str) and value in SETUP_SIGNALS)
+        needed = f"a number, or {', '.join(SETUP_SIGNALS)},"
     else:
         fits, needed = isinstance(value, str | int | float), "a text"
     if not fits:

@@ -47,11 +47,16 @@ def private_folder(digest: str, fill: Callable[[Path], None]) -> Path:
         folder = Path(mkdtemp(prefix=_PREFIX)).resolve()
         lock = FileLock(folder / _LOCK)
         lock.acquire()
-        _locks.append(lock)
         # In a worker, functions of `atexit` are not called, but these are. Forks do not call them.
         # Windows keeps a loaded library, so that errors are ignored.
-        Finalize(None, shutil.rmtree, (folder, True), exitpriority=0)
-        fill(folder)
+        remove = Finalize(None, shutil.rmtree, (folder, True), exitpriority=0)
+        try:
+            fill(folder)
+        except BaseException:
+            lock.release()
+            remove()
+            raise
+        _locks.append(lock)
         _folders[key] = folder
     return _folders[key]
 

@@ -94,8 +94,12 @@ class Instance:
         self._is_initialised = self._is_fatal = False
         self._time = description.start_time
         self._component: Any = None
-        self._guard("it cannot be loaded", lambda: self._load(folder))
-        self._guard("it refuses its parameters", lambda: self._set_parameters(parameters))
+        try:
+            self._guard("it cannot be loaded", lambda: self._load(folder))
+            self._guard("it refuses its parameters", lambda: self._set_parameters(parameters))
+        except FmuError:
+            self.close()
+            raise
 
     def _load(self, folder: Path) -> None:
         """Load the FMU's code and instantiate it."""
@@ -113,10 +117,14 @@ class Instance:
             )
         finally:
             os.chdir(before)  # fmpy stays in another folder if the library cannot be loaded
-        if description.fmi == 2:
-            component.instantiate(callbacks=self._callbacks(), loggingOn=True)
-        else:
-            component.instantiate(logMessage=self._log_3, loggingOn=True)
+        try:
+            if description.fmi == 2:
+                component.instantiate(callbacks=self._callbacks(), loggingOn=True)
+            else:
+                component.instantiate(logMessage=self._log_3, loggingOn=True)
+        except Exception:
+            component.freeLibrary()  # there is no instance to free
+            raise
         self._component = component
         if description.fmi == 2:
             component.setupExperiment(startTime=self._time)

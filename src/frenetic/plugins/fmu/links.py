@@ -61,7 +61,7 @@ class Links:
 
     @classmethod
     def of(cls, description: Description, table: SignalTable) -> Links:
-        """VariableLink the variables of an FMU.
+        """Link the variables of an FMU.
 
         Raises:
             ValueError: an input has no source, no output steers, two outputs are one control, or an

@@ -8,7 +8,7 @@ from typing import Final, NamedTuple, TypeAlias
 import numpy as np
 
 from frenetic._support.arrays import FloatArray
-from frenetic._support.car_signals import CAR_SIGNALS
+from frenetic._support.car_signals import CAR_SIGNALS, PEDALS
 from frenetic.drivers import SpeedPlan
 from frenetic.drivers.builtin import speed_limits_ahead
 from frenetic.drivers.driver import AHEAD_SPACING, DriveSetup, Observation
@@ -67,6 +67,19 @@ def _limits(moment: Moment) -> FloatArray:
     return speed_limits_ahead(moment.observation, setup_array(moment.setup))
 
 
+SETUP_SIGNALS: Final[Mapping[str, InputSignal]] = {
+    "period": InputSignal(
+        "s", "between two steps", _of_setup("period"), ("dt", "ts", "sampletime")
+    ),
+    "wheelbase": InputSignal("m", "of the car", _of_setup("wheelbase")),
+    "front_axle": InputSignal("m", "centre of mass to axle", _of_setup("front_axle"), ("lf",)),
+    "rear_axle": InputSignal("m", "centre of mass to axle", _of_setup("rear_axle"), ("lr",)),
+    "lane_width": InputSignal("m", "", _of_setup("lane_width")),
+    "max_steering": InputSignal(
+        "rad", "largest angle of the front wheels", _of_setup("max_steering")
+    ),
+}
+"""Signals that are known before a drive, which a parameter may get, too."""
 SIGNALS: Final[Mapping[str, InputSignal]] = {
     **{
         name: InputSignal(signal.unit, signal.about, _observed(name), signal.names)
@@ -81,16 +94,7 @@ SIGNALS: Final[Mapping[str, InputSignal]] = {
             *("desiredspeed", "vtarget", "targetvelocity", "speedref", "setvelocity"),
         ),
     ),
-    "period": InputSignal(
-        "s", "between two steps", _of_setup("period"), ("dt", "ts", "sampletime")
-    ),
-    "wheelbase": InputSignal("m", "of the car", _of_setup("wheelbase")),
-    "front_axle": InputSignal("m", "centre of mass to axle", _of_setup("front_axle"), ("lf",)),
-    "rear_axle": InputSignal("m", "centre of mass to axle", _of_setup("rear_axle"), ("lr",)),
-    "lane_width": InputSignal("m", "", _of_setup("lane_width")),
-    "max_steering": InputSignal(
-        "rad", "largest angle of the front wheels", _of_setup("max_steering")
-    ),
+    **SETUP_SIGNALS,
 }
 """Signals by name, in our units; left is positive."""
 PREVIEWS: Final[Mapping[str, PreviewSignal]] = {
@@ -131,10 +135,10 @@ CONTROLS: Final[Mapping[str, OutputControl]] = {
     "curvature": OutputControl(
         "1/m", "to drive", ("kappa", "curvaturecmd", "kappacmd", "desiredcurvature", "kapparef")
     ),
-    "throttle": OutputControl(
-        "1", "0..1", ("accelerator", "accelpedal", "gas", "acceleratorpedal", "throttlecmd")
-    ),
-    "brake": OutputControl("1", "0..1", ("brakepedal", "brakecmd", "braking")),
+    **{
+        name: OutputControl(pedal.unit, pedal.about, (*pedal.names, f"{name}cmd"))
+        for name, pedal in PEDALS.items()
+    },
     "pedal": OutputControl("1", "-1..1: throttle above 0, brake below", ("throttlebrake",)),
     "acceleration": OutputControl(
         "m/s2",

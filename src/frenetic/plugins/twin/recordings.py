@@ -184,7 +184,8 @@ def _recording(
     outcome_text = str(options.get("outcome", "")).upper()
     if outcome_text not in ("", Outcome.PASS, Outcome.FAIL):
         raise FreneticError(f"{path}: outcome is {options['outcome']!r}: PASS or FAIL is needed")
-    road = replace(read_road(Path(str(options["road"]))).road(), lane_width=terms.lane_width)
+    road_path = Path(str(options["road"])).expanduser()
+    road = replace(read_road(road_path).road(), lane_width=terms.lane_width)
     recording = read_recording(RecordingFile(path, options))
     fitted, _ = road.placed(terms.map_size)
     roads = [road] if fitted is None else [road, fitted]
