@@ -80,7 +80,7 @@ class Fmu:
             table does not suit it.
     """
 
-    BEHAVIOUR: ClassVar[int] = 2
+    BEHAVIOUR: ClassVar[int] = 1
     """Version of the behaviour, which campaigns record, see `frenetic.parts.versions`."""
     BEHAVIOUR_PACKAGES: ClassVar[tuple[str, ...]] = ("fmpy",)
     """Packages whose versions campaigns record, too."""
