@@ -84,9 +84,9 @@ def unit_named(name: str) -> Unit | None:
     return None
 
 
-def unit_spellings() -> frozenset[str]:
-    """Return all names of the known units."""
-    return frozenset([*_UNITS, *_OTHER_NAMES])
+def unit_spellings() -> tuple[str, ...]:
+    """Return all names of the known units, in the order in which they are declared."""
+    return tuple(dict.fromkeys([*_UNITS, *_OTHER_NAMES]))
 
 
 def known_units() -> str:
