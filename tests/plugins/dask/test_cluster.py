@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import logging
 import re
 import subprocess
@@ -312,6 +313,7 @@ def test_a_cluster_without_seats_is_an_error_in_one_line(
 
 
 def test_an_error_names_the_missing_extra(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    gc.collect()  # the end of a client of another test imports from the package
     monkeypatch.delitem(sys.modules, "frenetic.plugins.dask.cluster")
     for name in list(sys.modules):
         if name.partition(".")[0] == "distributed":
