@@ -103,9 +103,9 @@ class CommandSearch(Strategy):
         }
         check(self.options, CommandSearch.__init__)
         self._words = command_words(program)
-        self._program = Program(self._words, deadline)
+        self._program = Program(self._words, deadline, self._greet)
         self._ledger = Ledger()
-        self._hello: SearchHello | None = None
+        self._hello = SearchHello()
         self._end = ""
 
     @property
@@ -123,7 +123,7 @@ class CommandSearch(Strategy):
         """
         if self._end:
             raise SearchEnded(self._end)
-        proposal = self._ask({"ask": {}}, Proposal)
+        proposal = self._call({"ask": {}}, Proposal)
         if proposal.end:
             self._program.close()
             self._end = text_of(proposal.end)
@@ -167,23 +167,14 @@ class CommandSearch(Strategy):
         self._ledger.settle(evaluation)
         if self._end:  # nobody listens any more
             return
-        result = as_message(evaluation, with_trace=self._greeted.trace)
-        self._ask({"tell": result}, Answer)
+        result = as_message(evaluation, with_trace=self._hello.trace)
+        self._call({"tell": result}, Answer)
 
-    @property
-    def _greeted(self) -> SearchHello:
-        """The program's answer to the first message, which is sent once."""
-        if self._hello is None:
-            names = ("seed", "map_size")
-            terms = {name: self.options[name] for name in names}
-            message = {"hello": {"part": "strategy", "protocol": PROTOCOL, **terms}}
-            self._hello = self._call(message, SearchHello)
-        return self._hello
-
-    def _ask(self, message: dict[str, Any], kind: type[AnswerT]) -> AnswerT:
-        """Return the answer to a message after the first."""
-        assert self._greeted is not None
-        return self._call(message, kind)
+    def _greet(self) -> None:
+        """Tell a new program its terms, and ask what its results shall have."""
+        terms = {name: self.options[name] for name in ("seed", "map_size")}
+        message = {"hello": {"part": "strategy", "protocol": PROTOCOL, **terms}}
+        self._hello = self._program.ask(message, SearchHello)
 
     def _call(self, message: dict[str, Any], kind: type[AnswerT]) -> AnswerT:
         """Return the program's answer to a message."""
