@@ -1,4 +1,4 @@
-"""Notes of drivers: what they were told, noted and planned, in each process."""
+"""Notes of drivers: what they were observed, noted and planned, in each process."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from frenetic import Controls, EmbeddedSimulator, Observation, Planner, Road
 from frenetic.campaign.tester import RoadTester
 from frenetic.campaign.workers import driving
 from frenetic.drivers import CommandDriver, Driver
-from frenetic.oracle.notes import TOLD, DriverNotes
+from frenetic.oracle.notes import OBSERVED, DriverNotes
 from frenetic.spec.terms import Terms
 
 ROAD = Road([0.0] * 4 + [0.02] * 6, 10.0)
@@ -54,17 +54,17 @@ def test_without_errors_a_driver_is_told_what_the_car_does() -> None:
     drive, plain = tester.drive(ROAD), EmbeddedSimulator().drive(ROAD, Planner())
     assert (drive.trajectory.to_rows() == plain.trajectory.to_rows()).all()
     assert drive.notes is not None
-    told = dict(zip(TOLD, drive.notes.told.T, strict=True))
-    n = len(drive.notes.told)
+    observed = dict(zip(OBSERVED, drive.notes.observed.T, strict=True))
+    n = len(drive.notes.observed)
     assert n == len(drive.trajectory) - 1  # no decision after the end
     for name in ("time", "speed", "yaw_rate", "steering"):
-        np.testing.assert_array_equal(told[name], getattr(drive.trajectory, name)[:n])
+        np.testing.assert_array_equal(observed[name], getattr(drive.trajectory, name)[:n])
     assert plain.notes is None
 
 
 def test_a_driver_is_told_the_errors_of_its_sensors() -> None:
     biased = notes_of(Planner(), lateral_bias=0.3)
-    assert biased.told[0, TOLD.index("lateral_offset")] == pytest.approx(0.3, abs=1e-9)
+    assert biased.observed[0, [*OBSERVED].index("lateral_offset")] == pytest.approx(0.3, abs=1e-9)
 
 
 def test_notes_and_plans_are_kept_decision_by_decision() -> None:
@@ -72,16 +72,18 @@ def test_notes_and_plans_are_kept_decision_by_decision() -> None:
     assert notes.names == ("y",)
     assert np.isfinite(notes.noted[::2]).all()
     assert np.isnan(notes.noted[1::2]).all()
-    assert notes.plan_lengths == (3, 0) * (len(notes.told) // 2) + (3,) * (len(notes.told) % 2)
+    assert notes.plan_lengths == (3, 0) * (len(notes.observed) // 2) + (3,) * (
+        len(notes.observed) % 2
+    )
     times, plans = zip(*notes.plans(), strict=True)
-    np.testing.assert_allclose(times, notes.told[::2, 0])
+    np.testing.assert_allclose(times, notes.observed[::2, 0])
     assert plans[0].shape == (3, 2)
 
 
 def test_a_decision_holds_until_the_next() -> None:
-    told = np.zeros((2, len(TOLD)))
-    told[:, 0], told[:, 1] = (0.0, 0.1), (1.0, 2.0)
-    notes = DriverNotes(told, ("y",), np.array([[5.0], [6.0]]))
+    observed = np.zeros((2, len(OBSERVED)))
+    observed[:, 0], observed[:, 1] = (0.0, 0.1), (1.0, 2.0)
+    notes = DriverNotes(observed, ("y",), np.array([[5.0], [6.0]]))
     rows = notes.at(np.array([0.0, 0.05, 0.1, 0.15]))
     assert rows[:, 1].tolist() == [1.0, 1.0, 2.0, 2.0]
     assert rows[:, -1].tolist() == [5.0, 5.0, 6.0, 6.0]

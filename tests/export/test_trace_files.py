@@ -37,7 +37,7 @@ from frenetic.export import (
 )
 from frenetic.export.trace_columns import field_name
 from frenetic.export.trace_layouts import FOXGLOVE, PLOTJUGGLER
-from frenetic.oracle.notes import TOLD, DriverNotes
+from frenetic.oracle.notes import OBSERVED, DriverNotes
 
 pytest_plugins = ["sample_campaign"]
 
@@ -168,10 +168,10 @@ def test_mcap_holds_the_numbers_of_the_csv(tmp_path: Path) -> None:
 def test_what_a_driver_was_told_noted_and_planned_is_in_both_files(tmp_path: Path) -> None:
     road, drive, result = driven()
     times = drive.trajectory.time[:-1]
-    told = np.column_stack([times, *(np.full((len(TOLD) - 1, len(times)), 0.25))])
+    observed = np.column_stack([times, *(np.full((len(OBSERVED) - 1, len(times)), 0.25))])
     plan = np.array([[2.0, 0.5], [4.0, 1.0]])
     notes = DriverNotes(
-        told, ("y",), times[:, None], (2,) * len(times), np.tile(plan, (len(times), 1))
+        observed, ("y",), times[:, None], (2,) * len(times), np.tile(plan, (len(times), 1))
     )
     trace = trace_of(road, replace(drive, notes=notes), result)
     for name in ("run.csv", "run.mcap"):

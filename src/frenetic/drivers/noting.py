@@ -11,7 +11,7 @@ import numpy as np
 from frenetic.drivers.driver import Controls, Driver, DriveSetup, Observation
 from frenetic.drivers.stack import OwnWrapper, stack_of
 from frenetic.errors import DriverError
-from frenetic.oracle.notes import TOLD, DriverNotes
+from frenetic.oracle.notes import OBSERVED, DriverNotes
 
 LONGEST_NAME: Final = 60
 """Largest number of letters of a note's name; our choice."""
@@ -39,7 +39,7 @@ class NotingDriver(OwnWrapper):
         self._forget()
 
     def _forget(self) -> None:
-        self._told: list[list[float]] = []
+        self._observed: list[list[float]] = []
         self._noted: list[dict[str, float]] = []
         self._plans: list[Any] = []
 
@@ -51,7 +51,7 @@ class NotingDriver(OwnWrapper):
     def act(self, observation: Observation) -> Controls:
         """Return the driver's controls, and keep what it was told, noted and planned."""
         controls = self.driver.act(observation)
-        self._told.append([float(getattr(observation, name)) for name in TOLD])
+        self._observed.append([float(getattr(observation, name)) for name in OBSERVED])
         self._noted.append(_numbers(getattr(self.driver, "trace_notes", None)))
         self._plans.append(_points(getattr(self.driver, "trace_plan", None)))
         return controls
@@ -63,7 +63,7 @@ class NotingDriver(OwnWrapper):
         Raises:
             DriverError: the driver noted numbers of too many names.
         """
-        if not self._told:
+        if not self._observed:
             return DriverNotes()
         names = tuple(dict.fromkeys(name for numbers in self._noted for name in numbers))
         if len(names) > MOST_NAMES:
@@ -72,9 +72,9 @@ class NotingDriver(OwnWrapper):
             )
         rows = [[numbers.get(name, np.nan) for name in names] for numbers in self._noted]
         return DriverNotes(
-            told=np.array(self._told),
+            observed=np.array(self._observed),
             names=names,
-            noted=np.array(rows, float).reshape(len(self._told), len(names)),
+            noted=np.array(rows, float).reshape(len(self._observed), len(names)),
             plan_lengths=tuple(map(len, self._plans)) if any(map(len, self._plans)) else (),
             plan_points=np.concatenate([np.empty((0, 2)), *self._plans]),
         )

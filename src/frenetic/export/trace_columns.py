@@ -15,7 +15,7 @@ from frenetic.criteria.criterion import SIGNALS, CriteriaSet, Signal, signal_nam
 from frenetic.export.column import TableColumn, condition_column
 from frenetic.oracle.assessment import assess
 from frenetic.oracle.drive import Drive, Trajectory
-from frenetic.oracle.notes import TOLD, DriverNotes
+from frenetic.oracle.notes import OBSERVED, DriverNotes
 from frenetic.oracle.signals import LocatedDrive, series
 from frenetic.road import Road, profile
 from frenetic.road.geometry import headings_at
@@ -23,15 +23,6 @@ from frenetic.road.geometry import headings_at
 _DIGITS: Final = ".9g"  # of a written number: stored places have up to 8 digits (our choice)
 NOTE: Final = "note_"
 """Beginning of the names of columns that are a driver's notes."""
-_TOLD_UNITS: Final = {
-    "lateral_offset": "m",
-    "heading_error": "rad",
-    "speed": "m/s",
-    "yaw_rate": "rad/s",
-    "steering": "rad",
-    "speed_limit": "m/s",
-}
-"""What a driver is told, beside the time -> its unit."""
 SIGNAL: Final = "signal_"
 """Beginning of the names of columns that are another package's signals."""
 
@@ -268,14 +259,12 @@ def _noted_columns(
         return [], []
     columns = [
         TableColumn(f"told_{name}", f"{name.replace('_', ' ')} that the driver was told", unit)
-        for name, unit in _TOLD_UNITS.items()
+        for name, unit in [*OBSERVED.items()][1:]  # without the time
     ]
     columns += [
         TableColumn(f"{NOTE}{name}", f"{name}, noted by the driver") for name in notes.names
     ]
-    rows = notes.at(times).T
-    told = [rows[TOLD.index(name)] for name in _TOLD_UNITS]
-    return columns, [*told, *rows[len(TOLD) :]]
+    return columns, list(notes.at(times).T[1:])
 
 
 def field_name(column: TableColumn) -> str:

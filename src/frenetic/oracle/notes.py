@@ -2,23 +2,28 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
+from types import MappingProxyType
 from typing import Final
 
 import numpy as np
 
 from frenetic._support.arrays import FloatArray
 
-TOLD: Final = (
-    "time",
-    "lateral_offset",
-    "heading_error",
-    "speed",
-    "yaw_rate",
-    "steering",
-    "speed_limit",
+OBSERVED: Final[Mapping[str, str]] = MappingProxyType(
+    {
+        "time": "s",
+        "lateral_offset": "m",
+        "heading_error": "rad",
+        "speed": "m/s",
+        "yaw_rate": "rad/s",
+        "steering": "rad",
+        "speed_limit": "m/s",
+    }
 )
-"""Attributes of an observation that are kept, in the order of `DriverNotes.told`."""
+"""Attribute of an observation that is kept -> its unit, in the order of `DriverNotes.observed`; the
+time comes first."""
 
 
 def _no_rows(width: int) -> FloatArray:
@@ -32,8 +37,8 @@ class DriverNotes:
     The driver was told what its sensors said, with the errors of conditions such as noise.
     """
 
-    told: FloatArray = field(default_factory=lambda: _no_rows(len(TOLD)))
-    """Values of `TOLD`, (n, 7) in SI units, for n decisions."""
+    observed: FloatArray = field(default_factory=lambda: _no_rows(len(OBSERVED)))
+    """Values of `OBSERVED`, (n, 7) in SI units, for n decisions."""
     names: tuple[str, ...] = ()
     """Names of the numbers that the driver noted."""
     noted: FloatArray = field(default_factory=lambda: _no_rows(0))
@@ -45,14 +50,14 @@ class DriverNotes:
     y to the left."""
 
     def at(self, times: FloatArray) -> FloatArray:
-        """Return the rows of `told` and `noted` that held at some times, (len(times), 7 + k).
+        """Return the rows of `observed` and `noted` that held at some times, (len(times), 7 + k).
 
         A decision holds until the next. Times before the first decision have its row.
         """
-        rows = np.hstack([self.told, self.noted])
+        rows = np.hstack([self.observed, self.noted])
         if not len(rows):
             return np.full((len(times), rows.shape[1]), np.nan)
-        decisions = np.searchsorted(self.told[:, 0], times + _ROUNDING, side="right") - 1
+        decisions = np.searchsorted(self.observed[:, 0], times + _ROUNDING, side="right") - 1
         return rows[np.maximum(decisions, 0)]
 
     def plans(self) -> list[tuple[float, FloatArray]]:
@@ -60,7 +65,7 @@ class DriverNotes:
         ends = np.cumsum(self.plan_lengths, dtype=int)
         return [
             (float(row[0]), self.plan_points[end - length : end])
-            for row, length, end in zip(self.told, self.plan_lengths, ends, strict=False)
+            for row, length, end in zip(self.observed, self.plan_lengths, ends, strict=False)
             if length
         ]
 
