@@ -1,4 +1,4 @@
-"""Notes of drivers: what they were observed, noted and planned, in each process."""
+"""Notes of drivers: what they were told, noted and planned, in each process."""
 
 from __future__ import annotations
 
