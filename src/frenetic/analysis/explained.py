@@ -10,6 +10,7 @@ from frenetic.analysis.clusters import CauseGroup, Clusters
 from frenetic.analysis.passing import passing_drives
 from frenetic.campaign.store import CampaignStore
 from frenetic.segments.evidence import Evidence, evidence_of_result
+from frenetic.segments.passing import PassingDrives
 
 
 @dataclass(frozen=True)
@@ -51,17 +52,21 @@ class ExplainedCause:
         }
 
 
-def explained_causes(store: CampaignStore, clusters: Clusters) -> tuple[ExplainedCause, ...]:
+def explained_causes(
+    store: CampaignStore, clusters: Clusters, passing: PassingDrives | None = None
+) -> tuple[ExplainedCause, ...]:
     """Return the causes of a campaign's failures, the most frequent first after faults.
 
     Args:
         store: the campaign.
         clusters: its distinct failures.
+        passing: its passing drives, if they are read already.
 
     Raises:
         CampaignError: the campaign is damaged.
     """
-    tried, passing = tried_failures(store.facts), passing_drives(store)
+    tried = tried_failures(store.facts)
+    passing = passing_drives(store) if passing is None else passing
     causes = []
     for group in clusters.causes:
         evidence = None

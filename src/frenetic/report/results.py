@@ -248,7 +248,7 @@ def _finish(campaign: Campaign, summary: Summary | None, emit: OnEvent) -> Resul
         results = Results(campaign.folder, summary, findings, notes=tuple(notes))
         if summary is not None and len(findings.clusters):
             notes += _examine(campaign, results, summary, emit)
-        causes = explained_causes(store, findings.clusters)
+        causes = explained_causes(store, findings.clusters, findings.reading.passing)
         shortened = minimised_drives(store, [test.id for test in findings.listed])
         results = replace(results, causes=causes, shortened=shortened, notes=tuple(notes))
         emit(Step("found", results))

@@ -16,7 +16,6 @@ from frenetic.analysis.bend_map import sweep_map
 from frenetic.analysis.clusters import Clusters
 from frenetic.analysis.coverage import DomainCoverage, domain_coverage
 from frenetic.analysis.failures import Failure
-from frenetic.analysis.passing import passing_drives
 from frenetic.campaign.configuration import SPEC
 from frenetic.campaign.record import Test
 from frenetic.campaign.store import CampaignStore
@@ -47,6 +46,7 @@ from frenetic.report.html.timeline import timeline_section
 from frenetic.rerun.margin_files import campaign_margins
 from frenetic.rerun.margin_results import Margins
 from frenetic.rerun.reruns import Rerun, in_other_simulators, read_reruns
+from frenetic.segments.passing import PassingDrives
 
 FILMS: Final = "frenetic.films"
 """Group of entry points for functions that add films to drives.
@@ -139,7 +139,7 @@ def campaign_report(
     shown = _tests_to_show(tests, shown_clusters, named_ids)
     coverage = domain_coverage(store.setting, store.tests())
     swept = sweep_map(store.tests())
-    drives = _drives(store, shown)
+    drives = _drives(store, shown, reading.passing)
     table = table_of(tests, FailureAnalysis.of(store, clusters))
     title = own_studies[0].headline if own_studies else title_of(clusters, counts)
     margin_sections = [margin_section(studies, config, store.folder)] if studies else []
@@ -148,7 +148,7 @@ def campaign_report(
         sections=(
             Section("summary", title, (headline(store, clusters, counts, trouble),)),
             *(margin_sections if own_studies else []),
-            gallery_section(store, shown_clusters, tests, drives, counts, reruns),
+            gallery_section(store, shown_clusters, tests, drives, counts, reruns, reading.passing),
             timeline_section(tests, clusters),
             *([] if coverage is None else [domain_section(coverage)]),
             *([] if swept is None else [sweep_section(swept, store.setting.lane_width)]),
@@ -192,12 +192,15 @@ def _studies(folder: Path) -> tuple[tuple[Sequence[Rerun], Sequence[Margins]], s
         return ([], []), str(error)
 
 
-def _drives(store: CampaignStore, shown: Sequence[int]) -> list[dict[str, Any]]:
+def _drives(
+    store: CampaignStore, shown: Sequence[int], passing: PassingDrives | None
+) -> list[dict[str, Any]]:
     """Return the data of the first tests to show, as many as there is room for.
 
     Args:
         store: the campaign.
         shown: ids of the tests to show, the most important first.
+        passing: passing drives with which mistakes are compared.
     """
     drives: list[dict[str, Any]] = []
     drive_bytes_left, film_bytes_left = DRIVES_SIZE, FILMS_SIZE
@@ -206,7 +209,6 @@ def _drives(store: CampaignStore, shown: Sequence[int]) -> list[dict[str, Any]]:
     ]
     batches = (shown[i : i + _BATCH] for i in range(0, len(shown), _BATCH))
     records = (store.tests_with_ids(batch, with_trajectory=True) for batch in batches)
-    passing = passing_drives(store)
     for record in chain.from_iterable(records):
         if drive_bytes_left <= 0:
             break

@@ -15,6 +15,7 @@ from frenetic.report.html.tests import TestSummary
 from frenetic.rerun.reruns import Rerun, in_other_simulators, own_repeats, rerun_name
 from frenetic.rerun.stability import Repeats
 from frenetic.segments.causes import as_text
+from frenetic.segments.passing import PassingDrives
 
 
 def gallery_section(
@@ -24,6 +25,7 @@ def gallery_section(
     drives: Sequence[Mapping[str, Any]],
     counts: Counts,
     reruns: Sequence[Rerun],
+    passing: PassingDrives | None,
 ) -> Section:
     """Return the section with causes and pictures of failures, or nearest misses if nothing failed.
 
@@ -34,6 +36,7 @@ def gallery_section(
         drives: data of the drives in the page, see `drive_data`.
         counts: counts of all tests.
         reruns: the reruns of the campaign's tests.
+        passing: passing drives with which mistakes are compared.
     """
     config = store.config
     data = _cluster_data(clusters, tests, {drive["id"] for drive in drives})
@@ -51,7 +54,7 @@ def gallery_section(
         {"clusters": data, "repeats": _repeat_data(own_repeats(reruns)), "elsewhere": elsewhere},
     )
     if counts.failed:
-        causes = explained_causes(store, clusters)
+        causes = explained_causes(store, clusters, passing)
         blocks = (_causes(causes, drives), gallery) if causes else (gallery,)
         return Section("failures", "Failures", blocks, _lead(clusters, counts.failures, data))
     lead = f"{capitalised(counts.broken_text) or 'No failure was found'}."

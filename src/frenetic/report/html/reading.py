@@ -9,6 +9,7 @@ from typing import Any
 
 from frenetic.analysis.clusters import COMPARED, Clusters, distinct_among, nearest_misses
 from frenetic.analysis.failures import Failure
+from frenetic.analysis.passing import passing_drives
 from frenetic.campaign.counts import Counts
 from frenetic.campaign.record import Test
 from frenetic.campaign.store import CampaignStore
@@ -18,6 +19,7 @@ from frenetic.report.html.feature_map import choose_mapped
 from frenetic.report.html.tests import TestSummary
 from frenetic.search.records import Candidate
 from frenetic.segments.features import Features
+from frenetic.segments.passing import PassingDrives
 
 
 @dataclass(frozen=True)
@@ -36,6 +38,8 @@ class Reading:
     """Id of a test in the feature map -> its features and its candidate."""
     failures: Sequence[Test]
     """The most severe failures, at most `MOST_FILES`, without their trajectories."""
+    passing: PassingDrives | None
+    """Passing drives with which mistakes are compared; None without a failure or with too few."""
     finished_at: str = ""
     """When the campaign ended; empty if it had not ended when its tests were read."""
 
@@ -82,7 +86,8 @@ class Reading:
                 severe.append(record)
         clusters = distinct_among(store, failures)
         misses = None if counts.failed else nearest_misses(store)
-        return cls(tests, counts, clusters, misses, mapped, severe, finished_at)
+        passing = passing_drives(store) if counts.failed else None
+        return cls(tests, counts, clusters, misses, mapped, severe, passing, finished_at)
 
 
 def finished_at_of(facts: Mapping[str, Any]) -> str:
